@@ -235,7 +235,14 @@ CANDIDATE = exactly(
 )
 MAYBE_NEXT = {
     "anyOf": [
-        exactly({"maneuver": TEXT, "separates": {"type": "array", "items": TEXT, "minItems": 2}, "why": TEXT}),
+        exactly(
+            {
+                "maneuver": TEXT,
+                "separates": {"type": "array", "items": TEXT, "minItems": 2},
+                "why": TEXT,
+                "fit_runs": listed(TEXT),
+            }
+        ),
         {"type": "null"},
     ]
 }
@@ -261,6 +268,9 @@ DIAGNOSIS = exactly(
         "explanation": exactly({part: listed(TEXT) for part in ("effects", "what", "why", "changes", "resembles")}),
         "suspicions": COMPARE["properties"]["suspicions"],
         "remarks": listed(TEXT),
+        "first_answer": {
+            "anyOf": [exactly({"verdict": TEXT, "chain": listed(TEXT), "confidence": NUMBER}), {"type": "null"}]
+        },
         "unsearched_chains": {
             "anyOf": [
                 exactly({"reason": {"const": "little left"}, "points": NUMBER}),

@@ -15,9 +15,10 @@ from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.verdict import Diagnosis
+from sysid.errors import SysidError
 from sysid.fit.checks import EIGENFREQUENCY, Check, Spread, fit_checks
 from sysid.fit.identify import on_runs
-from sysid.fit.result import Fit
+from sysid.fit.result import Fit, finite
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
 
@@ -57,11 +58,17 @@ class Placebo:
     """As a candidate of the diagnosis; None of one that was kept."""
 
     @classmethod
-    def of(cls, one: Ranked | None) -> Placebo | None:
-        """None of one that was not refitted."""
-        if one is None or one.fit is None:
-            return None
-        return cls(one.effects, one.fit.nrmse_percent, one.validation_nrmse_percent, one.to_json())
+    def of(cls, one: Ranked, made: Fit) -> Placebo:
+        """A candidate as it was fitted in the effect's place."""
+        errors = dict(zip(made.model.structure.names, map(float, made.standard_errors), strict=True))
+        judged = made.validation_nrmse_percent
+        numbers = {
+            "nrmse_percent": made.nrmse_percent,
+            "validation_nrmse_percent": None if judged is None else dict(judged),
+            "parameters": {name: finite(made.model[name]) for name in one.values},
+            "standard_errors": {name: finite(errors[name]) for name in one.values},
+        }
+        return cls(one.effects, made.nrmse_percent, judged, {**one.to_json(), **numbers})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -129,9 +136,21 @@ def add_effect(
         runs=fitted,
         noise_floor_percent={key: float(value) for key, value in asked.noise_floor_percent.items()},
         checks=checks[:EIGENFREQUENCY],
-        placebo=Placebo.of(asked.placebo_of(name)),
+        placebo=_in_its_place(asked.placebo_of(name), before, fitted, judging),
         signs=(_validated(before, after), _agrees(before, after, apart, closer), _plausible(before, after)),
     )
+
+
+def _in_its_place(wrong: Ranked | None, before: Fit, fitted: Dataset, judging: Dataset) -> Placebo | None:
+    """The best wrong effect fitted as the right one is, in the fit's weights; None where it cannot be."""
+    if wrong is None or wrong.fit is None:
+        return None
+    effects = [*before.model.structure.composed, *wrong.own]
+    try:
+        made = refitted(before, effects, fitted, judging, before.band_hz, grown=before, begin=wrong.fit.model)
+    except SysidError:
+        return None
+    return Placebo.of(wrong, made)
 
 
 def _validated(before: Fit, after: Fit) -> Sign:

@@ -70,14 +70,16 @@ class Answer(Open, frozen=True, kw_only=True):
     effect: str | None
     confidence: float
     nrmse_percent: dict[str, float]
-    """Of the fit that was asked, in the weights of the question."""
+    """Of the fit that was asked, in the weights of the question;"""
     noise_floor_percent: dict[str, float]
     candidates: tuple[Row, ...]
-    """The answer first, then the likeliest, then those that could not be asked."""
+    """The answer first, then what explains most, then those that could not be asked."""
     brief: tuple[Block, ...]
     full: tuple[Block, ...]
     plan: Plan | None
     hiding: tuple[str, ...]
+    validation_nrmse_percent: dict[str, float] | None = None
+    """of the same, on runs that were not fitted."""
     matters: bool | None = None
     """Whether what is left could; None where no loop tells, or something is missing by name."""
 
@@ -105,6 +107,7 @@ def answer_of(found: FitDiagnosis) -> Answer:
         full=_untyped(diagnosis_blocks(found, full=True)),
         plan=_plan(found),
         hiding=hidden_sentences(found.hiding),
+        validation_nrmse_percent=_percent(last.validation_nrmse_percent),
         matters=None if found.remainder is None else found.remainder.matters,
     )
 

@@ -13,11 +13,11 @@ LEAST_SHARE = 0.005
 
 
 def ranked(last: Diagnosis, pairs: int | None = 1) -> list[Ranked]:
-    """What was refitted, with so many chains of two: the answer first, then the likeliest."""
-    return sorted(
-        (one for one in (*last.pairs[:pairs], *last.candidates) if one.fit is not None),
-        key=lambda one: (one is not last.winner, one.delta_bic),
-    )
+    """What was refitted, with so many chains of two: the answer first, then what explains most."""
+    winner = last.winner
+    others = (one for one in (*last.pairs[:pairs], *last.candidates) if one.fit is not None and one is not winner)
+    best_first = sorted(others, key=lambda one: (-(one.explained_share or 0.0), one.delta_bic))
+    return best_first if winner is None or winner.fit is None else [winner, *best_first]
 
 
 def shows(judged: Ranked, last: Diagnosis) -> bool:

@@ -145,7 +145,7 @@ class Desk(Working):
                 self._set(
                     fitted=fitted.shown,
                     ladder=self._calculations.named([Rung(name="", effect=None, fit=fitted.bottom, path=None)]),
-                    said=f"fitted to {len(records)} runs",
+                    said=f"fitted to {len(records)} run{'s' if len(records) > 1 else ''}",
                 )
             runs, judging = ([row.word for row in rows if row.choice is one] for one in (Choice.FIT, Choice.VALIDATE))
             for fit in (fitted.shown.found.cd, fitted.shown.found.tpp):
@@ -170,7 +170,7 @@ class Desk(Working):
             if rung.comparison is not None:
                 return
             comparison, document, text = self._calculations.compare(rung, self._flown(rung.fit))
-            floor = comparison.noise_floor_percent or rung.noise_floor_percent
+            floor = rung.noise_floor_percent or comparison.noise_floor_percent
             self._replace(rung.fit, comparison=comparison, comparison_text=text, noise_floor_percent=floor)
             self._keep_document("a comparison", rung.fit, document, shell.compare, "compared")
 

@@ -9,10 +9,12 @@ from textual.timer import Timer
 
 from gcs.desk.state import Choice, Weights
 from gcs.errors import TippathError
+from gcs.link.decode import sanitise
 from gcs.tui.ask_from import AskFrom, Paths, flights_in, quoted
 from gcs.tui.asking import AskingApp
 from gcs.tui.connections import recent_flights
 from gcs.tui.next_step import winner
+from gcs.tui.ranking_words import effects_offered
 
 
 class DeskApp(AskingApp):
@@ -168,22 +170,34 @@ class DeskApp(AskingApp):
 
     def action_add_winner(self) -> None:
         """Add what is missing; undo is one key."""
+        self.add_winner_or("")
+
+    def add_winner_or(self, marked: str) -> None:
+        """Add what is missing; where nothing is by name, the marked candidate, once that was said."""
         rung = self.worker.desk.state().current
         effect = "" if rung is None else winner(rung)
-        if not effect:
-            asked = rung is not None and rung.answer is not None
-            self.notice("nothing is missing that could be added" if asked else "D asks first what is missing")
-            return
-        self.work("adding", lambda: self._add(effect))
+        if effect:
+            self.work("adding", lambda: self._add(effect))
+        elif rung is None or rung.answer is None:
+            self.notice("D asks first what is missing")
+        elif not marked:
+            self.notice("nothing is missing by name; I adds an effect that you choose")
+        else:
+            name, verdict = sanitise(Path(marked).name), rung.answer.verdict
+            lines = (f"the diagnosis does not name it: {verdict}. The ladder will show what it does; U takes it back",)
+            self.confirm(f"Add {name} all the same?", lines, "adding", lambda: self._add(marked))
 
     def action_own_effect(self) -> None:
-        """Ask for an effect by its id or its file."""
-        self.ask_to_work(
-            "Which effect?",
-            "the path of an effect file (its code runs), or an id of the catalogue",
-            "adding",
-            self._add,
-        )
+        """Ask for an effect: the candidates are listed, or the catalogue; an id or a file's path may be typed."""
+
+        def take(word: str | None) -> None:
+            if word is not None:
+                self.work("adding", lambda: self._add(word))
+
+        self._problem = ""
+        hint = "up/down chooses; or type an id of the catalogue, or the path of an effect file (its code runs)"
+        offers = effects_offered(self.worker.desk.state())
+        self.push_screen(AskFrom(self.plot_style, "Which effect?", hint, "", offers, suggester=Paths()), take)
 
     def _add(self, effect: str) -> None:
         """And compare at once, for the strips."""

@@ -22,13 +22,13 @@ class DiagnoseScreen(Split):
     NO_PLOT = "no candidates yet: D diagnoses"
     ACTS = (
         Act("d,D", "app.work('diagnose')", "diagnose", "ask what the top rung lacks"),
-        Act("a,A", "app.add_winner", "add", "add the effect that is missing"),
+        Act("a,A", "add", "add", "add the effect that is missing; where none is, the marked one (asks first)"),
         Act("u,U", "app.undo", "undo", "take the top rung back"),
         VIEW,
         Act("enter", "about", "about", "what the marked candidate is, and what it would do", "enter"),
         Act("e,E", "explain", "why", "all reasons, or the answer in brief"),
         Act("w,W", "app.write_card", "card", "write the maneuver that would tell as a test card"),
-        Act("i,I", "app.own_effect", "own", "add an effect of your own, by its file"),
+        Act("i,I", "app.own_effect", "choose", "add an effect that you choose, or one of your own by its file"),
         Act("escape", "back", "", "the answer again"),
         Act("up", "move(-1)", "", "mark the candidate above, or scroll up", "up"),
         Act("down", "move(1)", "", "mark the candidate below, or scroll down", "down"),
@@ -65,6 +65,12 @@ class DiagnoseScreen(Split):
             return
         self.at += lines
         self.app.run_look()  # type: ignore[attr-defined]
+
+    def action_add(self) -> None:
+        """What is missing, or else what is marked: of two together the first."""
+        rows = ranking_words.candidates_of(self.app.worker.desk.state())  # type: ignore[attr-defined]
+        marked = rows[self.at].effects[0] if self._table and self.at < len(rows) else ""
+        self.app.add_winner_or(marked)  # type: ignore[attr-defined]
 
     def action_mark(self, number: int) -> None:
         """The candidate that was pressed, and what it is."""

@@ -36,7 +36,7 @@ class LadderScreen(Scrolled):
         Act("p,P", "panel('placebo')", "placebo", "what was added, its signs and its placebo"),
         Act("w,W", "panel('which')", "maneuver", "which maneuver would tell more"),
         Act("e,E", "panel('explain')", "explain", "why, in full"),
-        Act("i,I", "app.own_effect", "", "add an effect of your own, by its file"),
+        Act("i,I", "app.own_effect", "", "add an effect that you choose, or one of your own by its file"),
         Act("escape", "back", "", "the ladder again"),
         *READ,
     )

@@ -222,8 +222,8 @@ def _after_verdict(desk: DeskState, rung: Rung) -> str:
     if last.plan is not None and last.plan.card is not None:
         if desk.card is not None:
             return f"2, then C: fly {sanitise(desk.card.name)}, the card that would tell"
-        return "W writes the card that would tell more; I tries an effect of your own"
-    return "I tries an effect of your own; E says why nothing known does"
+        return "W writes the card that would tell more; I adds an effect that you choose"
+    return "I adds an effect that you choose; E says why nothing known does"
 
 
 def winner(rung: Rung) -> str:

@@ -116,10 +116,14 @@ def _row(one: Candidate, marked: bool, widths: tuple[int, int], style: Style) ->
     head = f" {'▶' if marked else ' '} {name:<{name_width}} "
     if one.share is None:
         return fitted(f"{head}not testable: {sanitise(one.not_testable)}", width)
-    share = f"{'~' if one.promised else ''}{100 * one.share:.0f} %"
+    share = _share(one)
     room = width - len(head) - 8 - STATE_WIDTH
     drawn = bar(one.share, min(room, 40), style) if room >= 4 else ""
     return fitted(f"{head}{drawn} {share:>6}  {one.state}", width)
+
+
+def _share(one: Candidate) -> str:
+    return f"{'~' if one.promised else ''}{100 * (one.share or 0.0):.0f} %"
 
 
 def question_lines(desk: DeskState, width: int, style: Style) -> list[Line]:
@@ -190,8 +194,8 @@ def about_lines(desk: DeskState, at: int) -> list[Line]:
     before = None if desk.current is None else (desk.answer or desk.current).nrmse_percent
     if one.nrmse_percent is not None and before is not None:
         moved = [f"{axis} {before[axis]:.1f} → {now:.1f} %" for axis, now in one.nrmse_percent.items()]
-        lines.append(f" NRMSE on fitted runs {', '.join(moved)}")
-    judged = None if desk.current is None else desk.current.validation_nrmse_percent
+        lines.append(f" NRMSE on fitted runs, all frequencies weighing the same, {', '.join(moved)}")
+    judged = None if desk.answer is None else desk.answer.validation_nrmse_percent
     if one.validation_nrmse_percent is not None and judged is not None:
         moved = [f"{axis} {judged[axis]:.1f} → {now:.1f} %" for axis, now in one.validation_nrmse_percent.items()]
         lines.append(f" on runs that were not fitted {', '.join(moved)}")
@@ -200,6 +204,16 @@ def about_lines(desk: DeskState, at: int) -> list[Line]:
     if one.implausible:
         lines.append((f" physics does not allow its {sanitise(', '.join(one.implausible))}", "bold"))
     return [*lines, *_catalogued(one.effects), "", " escape: the answer again"]
+
+
+def effects_offered(desk: DeskState) -> list[tuple[str, str]]:
+    """Effects that may be added, each with what it is: the candidates, best first, else all of the catalogue."""
+    rows = [one for one in candidates_of(desk) if len(one.effects) == 1 and one.share is not None]
+    if rows:
+        return [(one.effects[0], f"{_share(one)} of the avoidable error  {one.state}".rstrip()) for one in rows]
+    from sysid.model.effect import catalogue  # NumPy comes along; what is fitted brought it
+
+    return [] if desk.current is None else [(name, one.title) for name, one in catalogue().items()]
 
 
 def _catalogued(effects: Sequence[str]) -> list[Line]:

@@ -87,8 +87,9 @@ def diagnose(
     candidates = sorted(_held_against(reference, candidates, say), key=rank)
     say(Asking(stage=Stage.WEIGHING))
     answer, chained = verdict_on(candidates, (), chance, reference), ChainSearch()
+    first = _first(answer)
     if chains and chance < SIGNIFICANT:
-        say(_first(answer))
+        say(first)
         answered = answer.verdict == "missing"
         chained = chains_of_two(answer.candidates, reference, say, limit=limit, answered=answered)
     pairs = chained.pairs
@@ -99,7 +100,7 @@ def diagnose(
         candidates = sorted((compared(one, likelier) for one in candidates), key=rank)
         pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
         answer = verdict_on(candidates, pairs, chance, likelier)
-    return replace(answer, unsearched=chained.unsearched, thinned=thinned)
+    return replace(answer, first=first if pairs else None, unsearched=chained.unsearched, thinned=thinned)
 
 
 def _beyond_the_catalogue(

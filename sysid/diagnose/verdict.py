@@ -23,6 +23,7 @@ from sysid.diagnose.confidence import (
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
+from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.slow_modes import SlowMode
@@ -89,6 +90,8 @@ class Diagnosis:
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
     """Why chains were not looked for, or not all of them."""
+    first: FirstAnswer | None = None
+    """What single effects made of it, where chains were searched after that."""
     thinned: CommandsThinned | None = None
     """Where the log thinned commands and does not tell of its loop: they were taken as held as these runs show it."""
 
@@ -166,6 +169,13 @@ class Diagnosis:
             "lead": None if self.lead is None else finite(self.lead),
             "sizes": [one.to_json() for one in self.sizes],
             "log10_chance": finite(self.log_chance / math.log(10)),
+            "first_answer": None
+            if self.first is None
+            else {
+                "verdict": self.first.verdict,
+                "chain": list(self.first.chain),
+                "confidence": finite(self.first.confidence),
+            },
             "unsearched_chains": None if self.unsearched is None else self.unsearched.to_json(),
         }
 

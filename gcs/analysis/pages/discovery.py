@@ -139,9 +139,9 @@ def discovery(found: Told, parent: Densities, best: Densities | None, outputs: S
 
 
 def _ranked(found: Told) -> list[_Candidate]:
-    """Those that were refitted; the answer first, then the likeliest."""
+    """Those that were refitted; the answer first, then what explains most."""
     each = [one for one in (*found.pairs[:1], *found.candidates) if one.explained_share is not None]
-    return sorted(each, key=lambda one: (one.chain != found.chain, one.delta_bic or 0.0))
+    return sorted(each, key=lambda one: (one.chain != found.chain, -(one.explained_share or 0.0)))
 
 
 def _reasons(found: Told) -> list[tuple[str, tuple[str, ...]]]:

@@ -75,8 +75,8 @@ def diagnosis_blocks(
 
 
 def candidates_text(last: Diagnosis, most: int) -> list[str]:
-    """What was refitted, the answer and then the likeliest first: explained share, NRMSE fit, name."""
-    asked = [one for one in ranked(last, None) if shows(one, last)][:most]
+    """What was refitted, the answer and then what explains most: explained share, NRMSE fit, name."""
+    asked = [one for one in ranked(last) if shows(one, last)][:most]
     if not asked:
         return []
     outputs = last.parent.model.structure.outputs

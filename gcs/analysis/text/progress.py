@@ -52,9 +52,18 @@ def share_words(one: Standing) -> str:
 
 def first_words(first: FirstAnswer) -> str:
     """`first answer: missing gyro_filter, confidence 0.98`."""
+    return f"first answer: {_answered(first)}"
+
+
+def before_pairs_words(first: FirstAnswer) -> str:
+    """`first, one effect at a time: unexplained (nearest: gyro_filter), confidence 0.70; then pairs were searched`."""
+    return f"first, one effect at a time: {_answered(first)}; then pairs were searched"
+
+
+def _answered(first: FirstAnswer) -> str:
     chain = effects_words(first.chain)
     what = f" {chain}" if first.verdict == "missing" else f" (nearest: {chain})" if chain else ""
-    return f"first answer: {first.verdict}{what}, confidence {first.confidence:.2f}"
+    return f"{first.verdict}{what}, confidence {first.confidence:.2f}"
 
 
 def left_words(left_s: float | None, *, at_most: bool) -> str:

@@ -11,6 +11,7 @@ from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
 from gcs.analysis.text.matters import remainder_sentence
+from gcs.analysis.text.progress import before_pairs_words
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.shares import EXPLAINED
@@ -37,14 +38,43 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     winner = last.winner
     before, floor = last.parent.nrmse_percent, last.noise_floor_percent
     if winner is None or winner.fit is None or last.verdict == "complete":
-        return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_left(found), *_before(found)]
+        return [
+            *_first(last),
+            _numbers("the fit", before),
+            _numbers("noise alone would allow", floor),
+            *_weighed(found),
+            *_left(found),
+            *_before(found),
+        ]
     share = f"removes {100 * (last.explained_share or 0.0):.0f} % of the avoidable error"
-    lines: list[Line] = [*_which(winner, last.airframe), nrmse_row(share, before, winner.fit.nrmse_percent)]
+    lines: list[Line] = [
+        *_first(last),
+        *_which(winner, last.airframe),
+        nrmse_row(share, before, winner.fit.nrmse_percent),
+    ]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
-    lines.append(nrmse_row("noise alone would allow", None, floor))
+    lines += [nrmse_row("noise alone would allow", None, floor), *_weighed(found)]
     lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
+
+
+def _first(last: Diagnosis) -> list[Line]:
+    """What was answered before chains of two were searched, where that was another answer."""
+    first = last.first
+    if first is None or (first.verdict, set(first.chain)) == (last.verdict, {*last.chain}):
+        return []
+    return [Sentence(before_pairs_words(first), "  ", "    ")]
+
+
+def _weighed(found: FitDiagnosis) -> list[Line]:
+    """Why the fit's own numbers are others, where they are: candidates are compared in equal weights."""
+    own, compared = found.fit.nrmse_percent, found.last.parent.nrmse_percent
+    if all(round(own[name], 1) == round(value, 1) for name, value in compared.items()):
+        return []
+    said = ", ".join(f"{name} {value:.1f}" for name, value in own.items())
+    text = f"compared with equal weights on all frequencies; the fit itself, weighed by its noise, has {said} %"
+    return [Sentence(text, "  ", "    ")]
 
 
 def stand_ins(last: Diagnosis) -> dict[str, tuple[str, ...]]:

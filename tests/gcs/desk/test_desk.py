@@ -533,6 +533,10 @@ def test_what_was_just_diagnosed_is_not_asked_again_when_it_is_added(
     monkeypatch.setattr(addition, "diagnose", never)
     again = addition.add_effect(bottom.fit, known, *flown[:2], asked=bottom.diagnosis.last)
     assert again.placebo_rung == grown.placebo
+    assert again.placebo is not None
+    (wrong,) = again.placebo.effects
+    beside = addition.refitted(bottom.fit, [wrong], *flown[:2], grown=bottom.fit)
+    assert again.placebo.nrmse_percent == pytest.approx(beside.nrmse_percent, abs=0.2), "in the weights of the fit"
     with pytest.raises(AssertionError, match="asked again"):
         addition.add_effect(bottom.fit, known, *flown[:2])
 

@@ -10,6 +10,7 @@ from fake_desk import DESKS
 
 from gcs.tui import changing
 from gcs.tui.pages import PAGES, mode_of
+from gcs.tui.ranking_words import effects_offered
 from gcs.tui.state import State, joined
 
 
@@ -112,3 +113,40 @@ async def test_every_screen_is_made_before_it_is_asked_for_and_the_one_that_is_s
             await pilot.pause(0.02)
         assert all_pages <= app._screen_stacks.keys()
         assert app.current_mode == first
+
+
+async def test_where_nothing_is_named_the_marked_candidate_is_added_once_that_was_said():
+    app, engine = app_on(at("unexplained"))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("6")
+        await settle(app)
+        await pilot.press("a")
+        await settle(app)
+        assert "nothing is missing by name; I adds an effect that you choose" in "\n".join(screen_text(app))
+        await pilot.press("v", "down", "a")
+        await settle(app)
+        text = "\n".join(screen_text(app))
+        assert "Add dynamic_inflow all the same?" in text
+        assert "the diagnosis does not name it: unexplained" in text
+        await pilot.press("n")
+        assert not [one for one in engine.asked if one.startswith("desk add")]
+        await pilot.press("a", "y")
+        await settle(app)
+        assert "desk add dynamic_inflow" in engine.asked
+
+
+async def test_what_may_be_added_is_listed():
+    app, engine = app_on(at("asked"))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("6")
+        await settle(app)
+        await pilot.press("i", "down", "down", "down")
+        await settle(app)
+        text = "\n".join(screen_text(app))
+        assert "servo_lag          94 % of the avoidable error" in text
+        assert "airspeed_scaling" not in text
+        await pilot.press("enter")
+        await settle(app)
+        assert "desk add quadratic_damping" in engine.asked
+    assert ("servo_lag", "first-order lag of the servos") in effects_offered(DESKS["fitted"])
+    assert effects_offered(DESKS["open"]) == []

@@ -14,6 +14,7 @@ from fake_desk import ASKED, OPEN
 from msgspec import structs
 
 from gcs.analysis.answer import answer_of
+from gcs.analysis.candidates import ranked
 from gcs.analysis.diagnosis import remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
 from gcs.analysis.text.maneuvers import maneuver_text, proposal_text
@@ -22,6 +23,7 @@ from sysid.compare.finding_kinds import AtTheEnds
 from sysid.diagnose.explain import Explanation
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
+from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.proposals import FitRuns, FurtherApart, HalfAndFull, LinearHalves
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.model.effect import catalogue
@@ -45,10 +47,11 @@ def unexplained(proposal: NextManeuver) -> Any:
     last = SimpleNamespace(
         verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
         noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, mode=None, stands_in=False,
-        effect=None, reason=None,
+        effect=None, reason=None, first=None, validation_nrmse_percent=None,
     )  # fmt: skip
     return SimpleNamespace(
-        fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
+        fit=SimpleNamespace(model=SimpleNamespace(structure=structure), nrmse_percent=nrmse), rungs=(None,), last=last,
+        remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
         hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
         remainder=None, runs=SimpleNamespace(records=()),
@@ -151,3 +154,23 @@ def test_it_is_said_where_a_maneuver_was_flown_already() -> None:
     assert "beside flight.BIN#5, flown so, only judging, and telling too little (1.3 of 3 standard" in maneuver_text(
         few
     )
+
+
+def test_what_was_answered_before_pairs_were_searched_stays() -> None:
+    diagnosis = unexplained(HALVES)
+    diagnosis.last.first = FirstAnswer(verdict="unexplained", chain=(), confidence=0.7, shares={})
+    assert "first, one effect at a time" not in shown(diagnosis)
+    diagnosis.last.first = replace(diagnosis.last.first, verdict="missing", chain=("servo_lag",))
+    line = "first, one effect at a time: missing servo_lag, confidence 0.70; then pairs were searched"
+    assert line in shown(diagnosis)
+
+
+def test_candidates_stand_by_what_they_explain_the_answer_first() -> None:
+    def one(name: str, share: float, bic: float) -> Any:
+        return SimpleNamespace(effects=(name,), fit=object(), explained_share=share, delta_bic=bic)
+
+    each = [one("a", 0.6, -9.0), one("b", 0.9, -8.0), one("c", 0.2, -7.0), one("d", 0.9, -8.5)]
+    last: Any = SimpleNamespace(pairs=(one("e", 0.7, 0.0), one("f", 1.0, 0.0)), candidates=each, winner=each[2])
+    assert [one.effects[0] for one in ranked(last)] == ["c", "d", "b", "e", "a"]
+    last.winner = last.pairs[1]
+    assert [one.effects[0] for one in ranked(last)] == ["f", "d", "b", "e", "a", "c"]

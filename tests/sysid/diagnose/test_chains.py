@@ -46,6 +46,7 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
     assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
     assert found.unsearched is None
     assert found.to_json()["unsearched_chains"] is None
+    assert len(found.to_json()["first_answer"]["chain"]) == 1
 
 
 @EFFECTS
@@ -72,6 +73,7 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     left = max(found.noise_floor_percent[axis] - best.nrmse_percent[axis] for axis in ("p", "q"))
     assert found.unsearched.points == pytest.approx(left, abs=0.01)
     assert found.to_json()["unsearched_chains"] == {"reason": "little left", "points": found.unsearched.points}
+    assert found.to_json()["first_answer"] is None
 
 
 @EFFECTS
