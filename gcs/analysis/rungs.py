@@ -5,12 +5,16 @@ All are known by what they hold: a fit by its lineage and its runs, a diagnosis 
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gcs.analysis.standing import MOST_BYTES, MOST_FILES
+from gcs.errors import UsageError
+from gcs.logs.opening import suffixes
+from gcs.logs.words import printable
 from sysid.document import parsed
 from sysid.errors import SysidError
 from sysid.fit.result import FORMAT, Fit, RecordUsed
@@ -37,6 +41,24 @@ def rungs_below(path: Path, fit: Fit, given: Sequence[KeptFit], named: Sequence[
         if count < steps and lineage(one.fit) == lineage(fit)[:count] and used_by(one.fit) == used_by(fit):
             found.setdefault(count, one)
     return [found[count] for count in sorted(found)]
+
+
+def load_fit(path: Path, named: Sequence[str] = ()) -> Fit:
+    """As `Fit.load`; a folder or a log in its place is told what to type. Raises UsageError for these."""
+    what = "a folder" if path.is_dir() else "a log" if path.is_file() and path.suffix.lower() in suffixes() else None
+    if what is None:
+        return Fit.load(path, named)
+    try:
+        fits = [one.name for one in sorted(path.glob("*.json"))[:MOST_FILES] if _says(one, FORMAT)]
+    except OSError:
+        fits = []
+    if fits:
+        raise UsageError(f"{path} is {what}, no fit; name one that is in it: {', '.join(map(printable, fits))}")
+    word = printable(shlex.quote(str(path)))
+    raise UsageError(
+        f"{path} is {what}, no fit: `tippath fit {word} --model tpp -o tpp.json` makes one (a multirotor's with "
+        "--model multirotor); then the same with tpp.json"
+    )
 
 
 def _beside(folder: Path, known: Collection[Path], named: Sequence[str]) -> list[KeptFit]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs.analysis.text.findings import listed_runs
+from gcs.errors import TippathError
 from gcs.vehicle.identity import group_of
 from sysid.data.record import Record
 from sysid.fit.result import Fit
@@ -37,6 +38,20 @@ def different_vehicles(records: Sequence[Record]) -> str | None:
         f"these runs are of different vehicles, or of one that was set up differently ({apart}"
         f"{f'; {others} too' if others else ''}): no model can answer for both, fit them apart"
     )
+
+
+def refuse_two_airframes(records: Sequence[Record]) -> None:
+    """Raises TippathError where some of the runs are a helicopter's and others a multirotor's."""
+    runs: dict[str, list[str]] = {}
+    for record in records:
+        if record.airframe is not None:
+            runs.setdefault(str(record.airframe), []).append(record.id)
+    if len(runs) > 1:
+        apart = "; ".join(f"a {kind}'s: {listed_runs(ids)}" for kind, ids in runs.items())
+        raise TippathError(
+            f"these runs are of two vehicles ({apart}): no model answers for both, name those of one (or --airframe, "
+            "where a log says the wrong one)"
+        )
 
 
 def doubted(records: Sequence[Record]) -> list[str]:

@@ -26,7 +26,9 @@ def parser() -> argparse.ArgumentParser:
     """The whole command line."""
     from importlib.metadata import version
 
-    top = argparse.ArgumentParser(
+    from gcs.cli.parsing import Parser
+
+    top = Parser(
         prog="tippath",
         description="Flight-test identification of rotorcraft: fly a chirp, fit, design gains, push them, fly again.",
         epilog="Start with `tippath demo`, or `tippath fly --sim hover`. `tippath COMMAND --help` explains each.",

@@ -60,12 +60,12 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.ladder import ladder_picture
     from gcs.analysis.pages.pictures import picture_kind, write_picture
+    from gcs.analysis.rungs import load_fit
     from gcs.analysis.text.addition import addition_document, addition_text
     from gcs.cli.asking import AskingLine
     from gcs.cli.fit import print_notes
     from gcs.desk.ladder import effect_to_add
     from gcs.errors import UsageError
-    from sysid.fit.result import Fit
 
     band, window, profile = parse_reading(args)
     if args.plot is not None:
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None and args.output is not None and args.plot.resolve() == args.output.resolve():
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
-    fit = Fit.load(args.fit, words)
+    fit = load_fit(args.fit, words)
     used = {Path(one).resolve() for one in fit.model.structure.files}
     strange = [word for word in words if Path(word).resolve() not in used]
     if strange:

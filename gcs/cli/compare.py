@@ -57,18 +57,18 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.comparison import flown
     from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
+    from gcs.analysis.rungs import load_fit
     from gcs.analysis.text.comparison import compare_text
     from gcs.analysis.text.documents import comparison_document
     from gcs.analysis.vehicles import doubted
     from gcs.cli.fit import print_notes, with_warnings
     from sysid.compare.compare import compare
-    from sysid.fit.result import Fit
 
     band, window, profile = parse_reading(args)
     if args.plot is not None:
         picture_kind(args.plot)
     refuse_existing(args.plot, args.force)
-    fit = Fit.load(args.fit, parse_words(args.effects))
+    fit = load_fit(args.fit, parse_words(args.effects))
     if band is not None:
         fit = replace(fit, band_hz=band)
     records, quiet = flown(fit, args.runs, profile, window)

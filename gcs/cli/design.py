@@ -158,14 +158,14 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.clearance import by_measurement, clearance, gains_document
     from gcs.analysis.identified import identified
     from gcs.analysis.lqr import designed
+    from gcs.analysis.rungs import load_fit
     from gcs.analysis.standing import beside
     from gcs.analysis.text.clearance import clearance_text
     from gcs.analysis.text.gains import gains_text, measured_text
-    from sysid.fit.result import Fit
 
     _refuse_wrong_usage(args)
     asked, limits, words = _asked(args), _limits(args.limits), parse_words(args.effects)
-    fit = Fit.load(args.fit, words)
+    fit = load_fit(args.fit, words)
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
     if args.autopilot:

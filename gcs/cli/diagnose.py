@@ -129,6 +129,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.diagnosis import diagnose_fit
     from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.pictures import picture_kind
+    from gcs.analysis.rungs import load_fit
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
     from gcs.analysis.vehicles import doubted
@@ -136,7 +137,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli.asking import AskingLine
     from gcs.cli.fit import print_notes, with_warnings
     from gcs.errors import UsageError
-    from sysid.fit.result import Fit
     from sysid.model.effect import load
 
     band, window, profile = parse_reading(args)
@@ -150,7 +150,7 @@ def run(args: argparse.Namespace) -> int:
     if len({path.resolve() for path in targets}) < len(targets):
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
-    fit = Fit.load(args.fit, words)
+    fit = load_fit(args.fit, words)
     used = {Path(one).resolve() for one in fit.model.structure.files}
     mine = [load(Path(word)) for word in words if Path(word).resolve() not in used]
     airframe = parse_airframe(args)

@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.fits import assess, load_vehicle
     from gcs.analysis.notes import note_lines
     from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
-    from gcs.analysis.vehicles import doubted, not_of_one_model
+    from gcs.analysis.vehicles import doubted, not_of_one_model, refuse_two_airframes
     from gcs.logs import FromStart, parse_window
     from sysid.data.band import USUAL, BandFrom, ChosenBand
     from sysid.data.dataset import prepared
@@ -142,6 +142,7 @@ def run(args: argparse.Namespace) -> int:
     records, validation = runs_to_fit(args, profile, window, (asked or USUAL).hz[1])
     records, validation = of_axes(records, part), of_axes(validation, part)
     print_notes([*note_lines([*records, *validation]), *_not_alike([*records, *validation])])
+    refuse_two_airframes([*records, *validation])
     band = asked or chosen_band(records)
     fitted = prepared(records, band.hz)
     if args.axes is None and (axis := lone_axis(base, fitted)) is not None:

@@ -12,6 +12,9 @@ from gcs.cli.options import NAMED, add_effects_option, parse_words, refuse_exist
 from gcs.errors import UsageError
 from gcs.files import write_whole
 
+BESIDE = Path()
+"""No name: beside the page, called as it is."""
+
 
 def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
@@ -24,7 +27,7 @@ def add_parser(subparsers: Any) -> None:
         "diagnoses are read from the files beside it, and only what nobody asked yet is asked. "
         "The logs that the fits were made from must still be where they were.",
     )
-    parser.add_argument("fits", nargs="+", type=Path, metavar="FIT.json")
+    parser.add_argument("fits", nargs="*", type=Path, metavar="FIT.json")
     parser.add_argument(
         "--gains",
         type=Path,
@@ -35,7 +38,12 @@ def add_parser(subparsers: Any) -> None:
     add_effects_option(parser, NAMED)
     parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="REPORT.html")
     parser.add_argument(
-        "--pdf", action="store_true", help="the same as PDF as well, beside the page: REPORT.pdf, for paper and mail"
+        "--pdf",
+        nargs="?",
+        type=Path,
+        const=BESIDE,
+        metavar="FILE.pdf",
+        help="the same as PDF as well, for paper and mail: into this file, or beside the page",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.set_defaults(run=run)
@@ -46,14 +54,12 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.report import flight_document
     from gcs.cli.counting import Counting
 
-    beside = args.output.with_suffix(".pdf")
-    for path in (args.output, *([beside] if args.pdf else ())):
+    fits, paper = _named(args)
+    for path in (args.output, paper):
         refuse_existing(path, args.force)
-    if args.pdf and beside == args.output:
-        raise UsageError(f"-o {args.output}: name the page, such as report.html; --pdf writes its PDF beside it")
     with Counting("report") as say:
         document = flight_document(
-            args.fits,
+            fits,
             parse_words(args.effects),
             args.gains,
             diagnosing=not args.no_diagnosis,
@@ -61,12 +67,28 @@ def run(args: argparse.Namespace) -> int:
             warn=lambda words: print(f"warning: {words}", file=sys.stderr),
         )
         files = [(args.output, page(document).encode())]
-        if args.pdf:
+        if paper is not None:
             from gcs.analysis.pages.pdf import pdf  # fonts are read: only where it is asked for
 
             say("the PDF")
-            files.append((beside, pdf(document, datetime.now(UTC))))
+            files.append((paper, pdf(document, datetime.now(UTC))))
     for path, content in files:
         write_whole(content, path)
         print(f"wrote {path}", file=sys.stderr)
     return 0
+
+
+def _named(args: argparse.Namespace) -> tuple[list[Path], Path | None]:
+    """The fits, and the PDF's file where one is asked for. Raises UsageError."""
+    fits, paper = list(args.fits), args.pdf
+    if args.output.suffix.lower() == ".pdf":
+        raise UsageError(f"-o {args.output}: the page is HTML, such as report.html; its PDF is --pdf {args.output}")
+    if paper is not None and paper.suffix.lower() == ".json":  # the option took the first fit
+        fits, paper = [paper, *fits], BESIDE
+    if not fits:
+        raise UsageError("name the fits that the report is about: FIT.json, as `tippath fit ... -o FIT.json` writes it")
+    if paper is BESIDE:
+        return fits, args.output.with_suffix(".pdf")
+    if paper is not None and paper.suffix.lower() != ".pdf":
+        raise UsageError(f"--pdf {paper}: name a file that ends in .pdf, or none: it stands beside the page then")
+    return fits, paper

@@ -116,6 +116,7 @@ def parse_window(text: str) -> AnyWindow:
 
 SHARED_S = 0.1  # parts that meet share a sample
 NAMED = 4  # logs that are left out
+LONGEST_REASON = 80  # characters
 DEPTH = 4  # folders within folders, as /log/2026-11-20/*.ulg on a PX4 card
 
 
@@ -387,11 +388,23 @@ def resolve_runs(
             )
             raise TippathError(f"{word}: not usable, because\n{listed}")
         unread = [f"left out of {word}: {reason}" for reason in found.refused.values()]
-        unread += found.left_out.values()
+        unread += [*found.left_out.values(), *_not_taken(word, meant)]
         for place, record in enumerate(usable):
             records.setdefault(_identity(record), _with_notes(record, [] if place else unread))
     check_same_rate_source(records.values())
     return list(records.values())
+
+
+def _not_taken(word: str, runs: Sequence[Run]) -> list[str]:
+    """That runs of a word are not usable, each with the first of the reasons; nothing where all are."""
+    each = [f"{run.id} ({_first(run.reasons[0])})" for run in runs if not run.usable and run.reasons]
+    return [f"left out of {word}, not usable: {'; '.join(each)}"] if each else []
+
+
+def _first(reason: str) -> str:
+    """Its beginning; `ingest` says all of it."""
+    short = reason.partition("; ")[0]
+    return short if len(short) <= LONGEST_REASON else f"{short[: LONGEST_REASON - 1]}…"
 
 
 def _with_window(word: str) -> tuple[str, FromStart | None]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, literal, rendered, svg
 from gcs.analysis.pages.pictures import PAGE_WIDTH, PURPLE, panels
+from gcs.analysis.quantities import decimals
 from gcs.paper.values import PaperDocument, PaperFigure, PaperTable, Row
 
 STYLES: tuple[tuple[str, Any], ...] = (
@@ -43,8 +44,9 @@ def head(table: PaperTable) -> list[str]:
 def cells(table: PaperTable, row: Row) -> list[str]:
     """A row's texts, as many as `head`."""
     ours = number(row.ours, row.digits)
-    if row.error is not None:
-        ours = f"{number(row.ours, row.digits)} ± {row.error:.2g}"
+    if row.error is not None and row.error > 0:
+        digits = decimals(row.error)
+        ours = f"{number(row.ours, digits)} ± {row.error:.{digits}f}"
     percent = [NOTHING if row.percent is None else f"{row.percent:+.1f}"] if table.shows_percent else []
     others = [number(row.beside.get(name), 1 if "off in SE" in name else row.digits) for name in table.columns]
     values = [number(row.printed, row.digits), ours] if table.shows_values else []

@@ -220,7 +220,8 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
             raise FitError(settled.refusal or "no stable model was found near the data")
         held = settled.held[1].nrmse_percent
         said.append(
-            f"with the poles held stable it reaches only {_percent(outputs, held)}, free {_percent(outputs, free)}"
+            f"the best stable model near it explains {_percent(outputs, held)} (NRMSE fit), this one "
+            f"{_percent(outputs, free)}"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
             late = lateness(model.structure.bare, bins)

@@ -154,6 +154,8 @@ class _Asked:
     """(w + 1,), where windows begin,"""
     turns: FloatArray
     """(bins,), and how often the bin's frequency turns in the time of its segment."""
+    rank: NDArray[np.int64]
+    """(segments,), each one's place by its log and its time there: which draw is its, in whatever order runs came."""
 
     @classmethod
     def of(cls, y: ComplexArray, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Asked:
@@ -168,7 +170,10 @@ class _Asked:
         half = 0.5 * (edges[1] - edges[0])
         place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
         y, x, z = (each[:, order] for each in (y, x, z))
-        seconds = np.array([one.samples * one.dt for group in stacks for one in group.spectra])
+        spectra = [one for group in stacks for one in group.spectra]
+        seconds = np.array([one.samples * one.dt for one in spectra])
+        logged = [(one.segment.record.sha256, one.segment.start_s) for one in spectra]
+        rank = np.argsort(sorted(range(len(logged)), key=logged.__getitem__))
         span = _Span.of(z, place, segment[order], starts)
         return cls(
             edges_hz=edges,
@@ -180,6 +185,7 @@ class _Asked:
             segment=segment[order],
             starts=starts,
             turns=(frequency * seconds[segment])[order],
+            rank=rank,
         )
 
     def surprise(self, tiny: float) -> tuple[float, int]:
@@ -205,7 +211,7 @@ class _Asked:
     def _shifted(self, noise: ComplexArray, rng: np.random.Generator, tiny: float) -> float:
         """Chi squared of references that were at another time in each run: they explain nothing, and meet the noise as
         it comes and goes."""
-        late = rng.uniform(0.0, 1.0, int(self.segment.max()) + 1)
+        late = rng.uniform(0.0, 1.0, self.rank.size)[self.rank]
         shifted = self.reference * np.exp(-2j * np.pi * self.turns * late[self.segment])
         span = _Span.of(shifted, self.place, self.segment, self.starts)
         found, rest = span.shares(noise)

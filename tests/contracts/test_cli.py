@@ -90,6 +90,51 @@ def test_wrong_usage_is_status_2(words: list[str], tippath: Tippath) -> None:
     assert err.strip()
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["injest", "x"], "tippath: argument COMMAND: there is no 'injest'; did you mean ingest?"),
+        (
+            ["diagnose", "f.json", "--explian"],
+            "tippath diagnose: there is no option --explian; did you mean --expl",
+        ),
+        (["report", "f.json", "--pfd"], "tippath report: there is no option --pfd; did you mean --pdf?"),
+        (["sweep", "--conect", "udpin:1"], "tippath sweep: there is no option --conect; did you mean --connect?"),
+        (["sim", "--plant", "hovr"], "tippath sim: argument --plant: there is no 'hovr'; did you mean hover?"),
+        (["fit", "x", "--airframe", "kite"], "tippath fit: argument --airframe: there is no 'kite'; there are heli"),
+        (["key", "shw", "x"], "tippath key: argument new|show-id: there is no 'shw'; did you mean show-id?"),
+        (["abort", "x"], "tippath abort: the following arguments are required: --connect"),
+        (["--vresion"], "tippath: there is no option --vresion; did you mean --version?"),
+        (["demo", "more"], "tippath demo: more is one word too many"),
+    ],
+)
+def test_a_typo_is_told_by_the_command_it_was_made_in(words: list[str], told: str, tippath: Tippath) -> None:
+    status, out, err = tippath(*words)
+    assert (status, out) == (2, "")
+    assert err.startswith(told)
+    assert err.count("\n") == 2
+
+
+def test_behind_two_dashes_nothing_is_an_option(tippath: Tippath) -> None:
+    status, _, err = tippath("add", "gone.json", "servo_lag", "--", "--pfd")
+    assert status == 1
+    assert "gone.json" in err
+
+
+@pytest.mark.parametrize("command", [["report"], ["design"], ["compare"], ["diagnose"], ["add"]])
+def test_a_log_in_place_of_a_fit_is_told_the_command_that_makes_one(
+    command: list[str], foreign_csv: Path, tippath: Tippath, tmp_path: Path
+) -> None:
+    more = ["servo_lag"] if command == ["add"] else []
+    status, _, err = tippath(*command, foreign_csv, *more)
+    assert status == 2
+    assert f"`tippath fit {foreign_csv} --model tpp -o tpp.json` makes one" in err
+    (tmp_path / "mine.json").write_text('{"format": "tippath.fit/1"}')
+    status, _, err = tippath(*command, tmp_path, *more)
+    assert status == 2
+    assert "name one that is in it: mine.json" in err
+
+
 def test_a_foreign_csv_is_fitted_by_one_command(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
     target = tmp_path / "tpp.json"
     status, out, err = tippath("fit", foreign_csv, "--model", "tpp", "--json", "-o", target)
@@ -224,6 +269,16 @@ def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path:
     assert not re.search(r"https?://(?!www\.w3\.org/)", text)
     assert len(text) < 500_000
     assert page.with_suffix(".pdf").read_bytes().startswith(b"%PDF-")
+    for words in (
+        (fit, "-o", tmp_path / "x.pdf"),
+        (fit, "--pdf", "x.ps"),
+        ("--pdf", "x.pdf"),
+        ("--pdf", fit, "-o", page),
+    ):
+        assert tippath("report", *words)[0] == 2
+    named = tmp_path / "paper.pdf"
+    assert tippath("report", fit, "-o", page, "--force", "--no-diagnosis", "--pdf", named)[0] == 0
+    assert named.is_file()
     foreign_csv.rename(foreign_csv.with_suffix(".moved"))
     try:
         status, _, err = tippath("report", fit, "-o", tmp_path / "second.html")

@@ -57,7 +57,7 @@ def ladder_picture(
             level = 100 - floor[output]
             axis.axhspan(0, level, color=GREY, alpha=0.6, linewidth=0, label="noise")
             top = max(top, level)
-        _write_numbers(axis, place, fitted, top)
+        _write_numbers(axis, fitted, top)
         axis.set_ylim(0, 1.25 * top)
         axis.set_xlim(-0.5, len(rungs) - 0.5)
         axis.grid(False, axis="x")
@@ -71,8 +71,8 @@ def ladder_picture(
     return figure
 
 
-def _write_numbers(axis: Any, place: FloatArray, left: FloatArray, top: float) -> None:
+def _write_numbers(axis: Any, left: FloatArray, top: float) -> None:
     """The NRMSE fit at each rung's error that is left, (n,); below it, unless the rungs' names stand there."""
     style = {"textcoords": "offset points", "ha": "center", "fontsize": 9, "bbox": BESIDE}
-    for x, y in zip(place, left, strict=True):
+    for x, y in enumerate(left):
         axis.annotate(f"{100 - y:.1f} %", (x, y), (0, 10 if y < LOW * top else -19), **style)

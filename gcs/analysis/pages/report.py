@@ -29,7 +29,7 @@ from gcs.analysis.pages.models import fits_table, guides_table, modes_table, val
 from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences
 from gcs.analysis.pages.pictures import PAGE_WIDTH, overlay_figure, spectra_figure
 from gcs.analysis.pages.provenance import about_of, flight_parts, runs_table, source_parts, title_of
-from gcs.analysis.rungs import KeptFit, rungs_below
+from gcs.analysis.rungs import KeptFit, load_fit, rungs_below
 from gcs.analysis.standing import diagnosis_beside, standing_of
 from gcs.analysis.text.addition import MARKS
 from gcs.analysis.text.blocks import text_of
@@ -94,7 +94,7 @@ def flight_document(
     `named` are the user's effect files, whose code may run. Raises TippathError where a log is gone, ResultError for a
     file that is no fit, GainsError for one that holds no gains.
     """
-    fits = [KeptFit(path, Fit.load(path, named)) for path in paths]
+    fits = [KeptFit(path, load_fit(path, named)) for path in paths]
     main = max(fits, key=lambda one: len(one.fit.lineage))
     added = _added(main.path, main.fit)
     designed, worth = (None, "") if gains is None else gains_section(gains, fits, warn)

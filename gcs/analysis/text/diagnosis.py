@@ -8,6 +8,7 @@ them once. The sentences about physics are in `explanation` and its neighbours; 
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
@@ -170,6 +171,13 @@ def _clocks(found: FitDiagnosis) -> list[Line]:
     return [remark_sentence(one, "  but ", "    ") for one in found.remarks if isinstance(one, ClocksDiffer)]
 
 
+def next_file(fit: str) -> str:
+    """`tpp-2.json` behind `tpp.json`, `tpp-3.json` behind that: a rung higher."""
+    stem, mark, number = Path(fit).stem.rpartition("-")
+    name = f"{stem}-{int(number) + 1}" if mark and re.fullmatch("[1-9][0-9]?", number) else f"{Path(fit).stem}-2"
+    return str(Path(fit).with_name(f"{name}.json"))
+
+
 def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:
     """The command to type next."""
     again = f" {rest}" if rest else ""
@@ -201,7 +209,7 @@ def _one_step(found: FitDiagnosis, fit: str, again: str, written: str | None) ->
     if written is not None:
         return command(f"tippath compare {written}")
     if last.verdict == "missing" and last.effect is not None:
-        return command(f"tippath add {fit} {last.effect}{again} -o {Path(fit).with_name(Path(fit).stem + '-2.json')}")
+        return command(f"tippath add {fit} {last.effect}{again} -o {next_file(fit)}")
     if any(one.kind == "mixed" for one in found.comparison.suspicions):
         return [" next: fit the runs apart, and diagnose each fit"]
     if found.comparison.suspicions:

@@ -128,7 +128,7 @@ def parameter_table(found: Identification) -> str:
             structure.parameters, fit.model.values, fit.standard_errors, beside, strict=True
         ):
             label = f"{structure.base_.label:3} {parameter.name:6}"
-            digits = decimals(error) if error > 0 and math.isfinite(error) else 4
+            digits = _digits(error)
             spread = f"{error:.{digits}f}{_model_spread(fit, parameter.name)}"
             lines.append(f"  {label:12} {value:12.{digits}f} ± {spread:{room}}  {parameter.unit:8}{theirs}".rstrip())
     if judged:
@@ -234,7 +234,9 @@ def _parameters(fit: Fit) -> list[str]:
             figures = f"{share:6.1f} {alone:7.1f}" if judged else f"{share:8.1f} {alone:9.1f}"
             if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
                 marks.append("above a guide")
-            spread = f"± {_two_figures(error)}{_model_spread(fit, parameter.name)}"
+            digits = _digits(error)
+            number = f"{value:11.{digits}f}"
+            spread = f"± {error:.{digits}f}{_model_spread(fit, parameter.name)}"
         if parameter.name in wild and parameter.name not in vague:
             marks.append("implausible")
         room = (21 if judged else 12) - max(0, len(number) - 11)
@@ -250,6 +252,11 @@ def _parameters(fit: Fit) -> list[str]:
         said = f"correlated above {HIGH_CORRELATION:g}" if above else "largest correlation"
         lines += wrapped(f"{said}: {', '.join(pairs)}", "  ", "    ")
     return lines
+
+
+def _digits(error: float) -> int:
+    """Decimals of a value with this standard error; four where there is none."""
+    return decimals(error) if error > 0 and math.isfinite(error) else 4
 
 
 def _two_figures(size: float) -> str:
@@ -316,9 +323,11 @@ def implied_text(figures: Sequence[Implied]) -> str:
         return "this structure implies nothing about the vehicle: fit with --model tpp"
     lines = ["implied by the fit        value ± std. error    measured"]
     for one in figures:
-        spread = "" if one.standard_error is None else f"± {one.standard_error:.2g}"
+        error = one.standard_error
+        digits = 3 if error is None else _digits(error)
+        spread = "" if error is None else f"± {error:.{digits}f}"
         measured = "" if one.measured is None else f"{one.measured:.4g}"
-        lines.append(f"  {one.name:20} {one.value:8.3f} {spread:14}{measured:>9} {one.unit}".rstrip(" -"))
+        lines.append(f"  {one.name:20} {one.value:8.{digits}f} {spread:14}{measured:>9} {one.unit}".rstrip(" -"))
         if one.implausible:
             lines += wrapped(
                 "implausible: a clue that something is missing, or the vehicle file is off", " " * 6, " " * 6

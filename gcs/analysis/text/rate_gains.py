@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gcs.analysis.clearance import Clearance
+from gcs.analysis.quantities import amount_in
 from gcs.analysis.rate_gains import ArdupilotGains
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.clearance import clearance_text
@@ -31,7 +32,7 @@ def rate_gains_text(gains: ArdupilotGains, vehicle: Model) -> str:
         f"than {asked.peak_db:.1f} dB, no gain above {MOST:g} times the flown one, on every model above and over the "
         "bounds; answers are to steps of the rate. Filters, angle gains and limits stay.",
         *(
-            f"{axis}: {one.rate_per_command:.3g} ± {one.error:.2g} rad/s per full command, so that the feed-forward "
+            f"{axis}: {amount_in('rad/s', one.rate_per_command, one.error)} per full command, so that the feed-forward "
             f"would be {1 / one.rate_per_command:.3g}; "
             + (
                 f"taken, to {MOST:g} times the flown one at most"

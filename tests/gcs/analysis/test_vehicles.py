@@ -77,12 +77,16 @@ def test_real_logs_say_which_vehicle_they_are_of(shared_data: Path, tmp_path: Pa
     assert dict(Record.load(tmp_path / "roll.npz").vehicle) == dict(roll.vehicle)
 
 
-def test_fit_and_compare_warn_of_runs_of_different_vehicles(
+def test_fit_refuses_runs_of_two_airframes_and_what_takes_them_warns(
     shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runs = [f"{shared_data / 'ardupilot' / name}_sweep.BIN@20:26" for name in ("heli_roll", "quad_pitch")]
     fit = tmp_path / "mixed.json"
-    assert main(["fit", *runs, "--model", "cd", "--band", "0:10", "-o", str(fit)]) == 0
+    asked = ["fit", *runs, "--model", "cd", "--band", "0:10", "-o", str(fit)]
+    assert main(asked) == 1
+    assert "two vehicles (a helicopter's: heli_roll_sweep.BIN#1@20:26; a multirotor's:" in capsys.readouterr().err
+    assert not fit.exists()
+    assert main([*asked, "--airframe", "helicopter"]) == 0  # whoever knows better
     out, err = capsys.readouterr()
     assert "note: vehicle differs: frame HELI" in err
     assert "these runs are of different vehicles" in " ".join(out.split())

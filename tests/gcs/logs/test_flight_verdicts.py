@@ -67,7 +67,10 @@ def test_an_aborted_run_is_not_taken_unasked(
     assert not aborted.usable
     (reason,) = aborted.reasons
     assert reason.startswith("the sweep's verdict: fly again: aborted: Ctrl-C")
-    assert [record.id for record in resolve_runs([str(path)])] == ["flight.BIN#1"]
+    (taken,) = resolve_runs([str(path)])
+    assert taken.id == "flight.BIN#1"
+    told = f"left out of {path}, not usable: flight.BIN#2 (the sweep's verdict: fly again: aborted: Ctrl-C"
+    assert any(note.startswith(told) for note in taken.notes)
 
 
 def test_an_aborted_run_is_taken_when_it_is_named(

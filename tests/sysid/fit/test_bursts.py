@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planted import fly_many
@@ -59,6 +61,21 @@ def test_bursts_alone_explain_nothing(flown: tuple[tuple[Stack, ...], Causes], m
     assert np.max(deviations(flown, BURSTS)) < 3.5
     monkeypatch.setattr("sysid.fit.noise.WORTH_A_LOOK", np.inf)  # taken as steady
     assert np.max(deviations(flown, BURSTS)) > 5
+
+
+def test_the_order_in_which_logs_are_named_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sysid.fit.noise.NO_CHANCE", np.inf)
+    (flight,) = fly_many(None, {}, seeds=[71], duration_s=10.0)
+    runs = [replace(one, sha256=f"{number}") for number, one in enumerate(records(flight))]
+    found = []
+    for named in (runs, runs[::-1]):
+        bins = prepared(named, (0.5, 12.0)).viewed(TPP.inputs, TPP.outputs)
+        segments = [one for group in bins.stacks for one in group.spectra]
+        drawn = dict(zip([one.sha256 for one in runs], noise(bins.stacks, 0, BURSTS), strict=True))
+        left = [drawn[one.segment.record.sha256] for one in segments]
+        power = np.sum([np.sum(np.abs(one) ** 2, axis=1) for one in left], axis=0)
+        found.append(divide(OutputError(left, power, power), bins.stacks, bins.causes(COMMANDS)).chi_squared)
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
 
 
 def test_steady_noise_is_taken_as_it_was(flown: tuple[tuple[Stack, ...], Causes]) -> None:
