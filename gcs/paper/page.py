@@ -22,6 +22,8 @@ STYLES: tuple[tuple[str, Any], ...] = (
 )
 """Colour and dashes of each line of a panel, in order."""
 NOTHING = "–"
+MOST_DIGITS = 6
+"""An error so small is none that a reader asks for: what was fitted had no noise."""
 
 
 def paper_page(document: PaperDocument) -> str:
@@ -44,8 +46,8 @@ def head(table: PaperTable) -> list[str]:
 def cells(table: PaperTable, row: Row) -> list[str]:
     """A row's texts, as many as `head`."""
     ours = number(row.ours, row.digits)
-    if row.error is not None and row.error > 0:
-        digits = decimals(row.error)
+    digits = decimals(row.error) if row.error else MOST_DIGITS
+    if row.error is not None and digits < MOST_DIGITS:
         ours = f"{number(row.ours, digits)} ± {row.error:.{digits}f}"
     percent = [NOTHING if row.percent is None else f"{row.percent:+.1f}"] if table.shows_percent else []
     others = [number(row.beside.get(name), 1 if "off in SE" in name else row.digits) for name in table.columns]
