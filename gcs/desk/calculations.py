@@ -226,7 +226,8 @@ class Calculations:
     def require_base(self, model: str, effects: Sequence[str]) -> None:
         """Raises UsageError where there is no such base model, or where the effects cannot be composed onto it."""
         if model not in PAIR:
-            raise UsageError(f"{model}: there are {' and '.join(PAIR)}")
+            known = f"; a shell has it: tippath fit LOG --model {model}" if model in bases() else ""
+            raise UsageError(f"{model}: there are {' and '.join(PAIR)} here{known}")
         try:
             compose(model, effects, CHANNELS, {"Omega_0": 1.0, "V_0": 1.0})
         except EffectError as error:

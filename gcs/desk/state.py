@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.analysis.text.blocks import Blocks
+from sysid.data.airframe import Airframe
 from sysid.diagnose.progress import Ranking
 from sysid.model.bases import DEFAULT
 
@@ -329,6 +330,12 @@ class DeskState:
     """Results on the screen that no folder holds yet; `Desk.keep_in` writes them."""
     commands: tuple[str, ...] = ()
     """What was done here, as a shell does it; newest last."""
+
+    @property
+    def of_multirotor(self) -> bool:
+        """Whether a run that is fitted or judges tells that it is of one, which is neither TPP nor CD."""
+        used = [run.record for run in self.runs if run.choice in (Choice.FIT, Choice.VALIDATE)]
+        return any(record is not None and record.airframe is Airframe.MULTIROTOR for record in used)
 
     @property
     def opened(self) -> str:

@@ -45,7 +45,7 @@ def footer(acts: Iterable[Act]) -> str:
 
 PILOT = (
     Act("t,T", "app.pilot('takeoff')", "take off", "the simulated pilot takes off"),
-    Act("l,L", "app.pilot('land')", "land", "the simulated pilot lands"),
+    Act("l,L", "app.pilot('land')", "land", "the simulated pilot lands, and changes the battery"),
     Act("b,B", "app.pilot('lqr')", "bank switch", "the simulated pilot's switch: LQR, or autopilot"),
 )
 """The simulated pilot's."""

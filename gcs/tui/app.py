@@ -18,7 +18,7 @@ from textual.binding import Binding
 from textual.screen import Screen
 
 from gcs.desk.shell import word
-from gcs.errors import TippathError
+from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes
@@ -35,6 +35,7 @@ from gcs.tui.fly import SPAN_S, FlyScreen
 from gcs.tui.gains_words import push_lines
 from gcs.tui.help import HelpScreen
 from gcs.tui.leaving import HEARTBEAT, STAYS, before_quitting
+from gcs.tui.next_step import PROOF
 from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
 from gcs.tui.plot import Style
@@ -100,6 +101,7 @@ class TippathApp(FieldApp):
         self._flights = flights
         self._seen: State | None = None
         self._leaving = False
+        self._before_help = first
         self._connections: tuple[Connection, ...] = ()
         self._audit: tuple[str, ...] = ()
         self._audit_of: tuple[object, ...] = ()
@@ -188,10 +190,16 @@ class TippathApp(FieldApp):
     async def action_screen(self, name: str) -> None:
         """Another screen."""
         self._problem = ""
+        if name == "help" and self.current_mode != "help":
+            self._before_help = self.current_mode
         await self.switch_mode(name)
         if name == "connect":
             self.action_look_for_connections()
         self.look()
+
+    async def action_leave_help(self) -> None:
+        """Back to where help was asked for."""
+        await self.action_screen(self._before_help)
 
     def action_theme(self) -> None:
         """Other colours."""
@@ -230,18 +238,26 @@ class TippathApp(FieldApp):
 
     # Questions.
 
-    def action_choose_card(self) -> None:
-        """Ask for a card; what is left of a flight is proposed, or one that the diagnosis wrote."""
+    def action_choose_card(self, typed: str = "", wrong: str = "") -> None:
+        """Ask for a card; what is left of a flight is proposed, or one that the diagnosis wrote. `typed` before, it is
+        asked again with what is `wrong` with that."""
         state = self.worker.state()
-        proposed = "" if state.desk.card is None else word(state.desk.card)
-        if state.unfinished is not None:
+        judging = PROOF if state.bank is not None and state.bank.active and state.bank.switch_on else ""
+        proposed = typed or (judging if state.desk.card is None else word(state.desk.card))
+        if state.unfinished is not None and not typed:
             proposed = AskedCard(resume=str(state.unfinished)).options
         offers = offered_cards(state.desk.home, proposed)
-        hint = "up/down chooses, or type a TOML file; behind it --leave-out, --log card"
+        hint = wrong or "up/down chooses, or type a TOML file; behind it --leave-out, --log card"
 
-        def take(word: str | None) -> None:
-            if word is not None:
-                self.work("the card", lambda: self.worker.choose_card(word))
+        def choose(asked: str) -> None:
+            try:
+                self.worker.choose_card(asked)
+            except UsageError as problem:
+                self.call_from_thread(self.action_choose_card, asked, str(problem))
+
+        def take(asked: str | None) -> None:
+            if asked is not None:
+                self.work("the card", lambda: choose(asked))
 
         self._problem = ""
         self.push_screen(AskFrom(self.plot_style, "Which card?", hint, proposed, offers), take)

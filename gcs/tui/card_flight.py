@@ -42,6 +42,7 @@ from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
+S_EARLY = "S came too early, nothing starts by it: the vehicle is looked at; S once more when READY stands here"
 R_TAKEN = "R is taken: the run is made ready as soon as the vehicle was looked at"
 CLOSED, ENDED, BY_HAND = "the app was closed", "the card was ended here", "F12 or space in the app"
 SENT_BLIND = "sent unheard until it is heard: the maneuver's size to 0; it may not arrive, and the mode is the pilot's"
@@ -139,6 +140,8 @@ class CardFlight:
                 self._moment.set(said="nothing is ready: R first, then S")
             elif self._moment.now.stage is Stage.HELD:
                 self._moment.set(said="not ready: R first, then S")
+            else:
+                self._moment.set(said=S_EARLY if self._moment.now.stage is Stage.CHECKING else TOO_EARLY)
 
     def choose_run(self, number: int) -> None:
         """Another run is the next, flown before or not; it waits for R and S like any other."""
@@ -206,6 +209,7 @@ class CardFlight:
             if self._moment.now.stage.under_way:
                 raise TippathError("a card is being flown: end it first (E)")
             self._card, self._asked = card, asked
+            self._so_far.forget()
             self.logbook.ask(card)
             self._moment.set(
                 card=card.name,
@@ -347,7 +351,7 @@ class CardFlight:
         vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
         into = "" if asked.resume else f" -o {where}"
         command = f"tippath sweep --connect {link}{vehicle} {asked.options}{into}"
-        self._moment.did(command)
+        self._link.did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
         done = "flown" if result.log == "card" else "kept"
@@ -400,7 +404,7 @@ class CardFlight:
                 disk_free=None if self._moment.now.flight is None else free_bytes(self._moment.now.flight),
             )
             self._moment.mark(number, Mark.NEXT if held else Mark.READY)
-            if self._moment.now.said in (TOO_EARLY, R_TAKEN):
+            if self._moment.now.said in (TOO_EARLY, R_TAKEN, S_EARLY):
                 self._moment.set(said="")
             mode, looked = session.snapshot().mode, 0
             while not self._started and self._abort is None and self._wish is None:

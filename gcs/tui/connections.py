@@ -78,7 +78,10 @@ SIMULATED = (
     Connection(name="simulated hover-ideal", about="the paper's Table 4 exactly", plant="hover-ideal"),
     Connection(name="simulated forward", about="Table 5 in forward flight, with an elevator", plant="forward"),
     Connection(
-        name="find a hidden effect", about="a secret in hover-ideal; Z opens its answer", plant=SECRET, hidden=True
+        name="find a hidden effect",
+        about="a secret in hover-ideal, or none; Z opens its answer",
+        plant=SECRET,
+        hidden=True,
     ),
 )
 UDP = Connection(name=ANY_UDP, about="whatever vehicle sends to this computer", link=ANY_UDP)

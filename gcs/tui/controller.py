@@ -10,13 +10,16 @@ from textual.widget import Widget
 from gcs.desk.state import Weights
 from gcs.tui import gains_words
 from gcs.tui.actions import Act
-from gcs.tui.base import VIEW, Split
+from gcs.tui.base import TALL, VIEW, WIDE, Split
+from gcs.tui.desk_words import broken
 from gcs.tui.draw_gains import answers, flown
 from gcs.tui.plot import Style
 from gcs.tui.sliders import SLIDERS, slider_lines
 from gcs.tui.state import State
 from gcs.tui.widgets.lines import Lines
 
+PLOT_AND_LINES = 22
+"""Rows that are left to the plot, the lines at the top and those at the bottom."""
 RESTS_S = 0.8
 """After so long without a key the whole judgement begins."""
 
@@ -114,17 +117,26 @@ class ControllerScreen(Split):
         self.set_focus(None)  # left and right move sliders, also where a plot stands
         title, sliders = self.query_one("#title", Lines), self.query_one("#sliders", Lines)
         title.show([gains_words.bank_title(state, width)])
-        sliders.display = bool(desk.ladder)
+        view = self.view if desk.proof is not None else min(self.view, 1)
+        proven = desk.proof is not None and view == 2
+        sliders.display = bool(desk.ladder) and not proven
         sliders.styles.height = len(SLIDERS)
         sliders.show(slider_lines(desk.weights, self.at, width, self.style))
-        view = self.view if desk.proof is not None else min(self.view, 1)
+        self._give_room(state, proven=proven)
         if not self.changed(desk, state.commands, self.axis, view, width, self.size.height, self.text_width):
             return
-        self.put_text(gains_words.controller_lines(state, self.text_width))
-        if desk.proof is not None and view == 2:
+        self.put_text(gains_words.controller_lines(state, self.text_width, proof_first=proven))
+        if desk.proof is not None and proven:
             self.put_plot(flown(desk.proof, self.axis), f"flown {self.axis}")
         elif (plot := answers(beside, self.axis)) is not None:
             self.put_plot(plot, str(self.axis % 2))
+
+    def _give_room(self, state: State, *, proven: bool) -> None:
+        """To all rows of a proof, as far as a plot is left below them."""
+        rows = len(broken(gains_words.proof_said(state.desk), self.text_width))
+        beside = self.size.width >= WIDE or self.size.height < TALL
+        height = "1fr" if beside or not proven else min(rows + 1, self.size.height - PLOT_AND_LINES)
+        self.query_one("#tables").styles.height = height
 
     def _follow(self, state: State) -> None:
         """Once for each model and each set in the vehicle: what the sliders make of it."""

@@ -25,8 +25,9 @@ class DeskApp(AskingApp):
 
     # The flight.
 
-    def action_open_flight(self) -> None:
-        """Ask for a flight: the newest are listed, and what is typed is completed."""
+    def action_open_flight(self, typed: str = "", wrong: str = "") -> None:
+        """Ask for a flight: the newest are listed, and what is typed is completed. `typed` before, it is asked again
+        with what is `wrong` with that."""
         state = self.worker.state()
         near = state.desk.path or state.flight
         folder = Path() if near is None else near.parent
@@ -34,15 +35,21 @@ class DeskApp(AskingApp):
         offers = [(quoted(folder / one.flight.name), one.about) for one in found if one.flight is not None]
 
         def take(asked: str | None) -> None:
-            if asked is not None:
-                self.work("the flight", lambda: self.worker.open_flight(*flights_in(asked)))
+            if asked is None:
+                return
+            names = flights_in(asked)
+            missing = [name for name in names if not Path(name).expanduser().exists()]
+            if missing:
+                self.action_open_flight(asked, f"{missing[0]}: no such folder or log")
+            else:
+                self.work("the flight", lambda: self.worker.open_flight(*names))
 
         self._problem = ""
-        hint = (
+        hint = wrong or (
             "up/down chooses, or type a flight folder or a log; the right arrow completes it. A blank and another one: "
             "both are opened together, as a roll log and a pitch log"
         )
-        asked = AskFrom(self.plot_style, "Which flight?", hint, "", offers, suggester=Paths(), several=True)
+        asked = AskFrom(self.plot_style, "Which flight?", hint, typed, offers, suggester=Paths(), several=True)
         self.push_screen(asked, take)
 
     def action_note(self) -> None:
@@ -66,7 +73,10 @@ class DeskApp(AskingApp):
     def use_run(self, number: int, choice: Choice) -> None:
         """Use a run otherwise."""
         runs = self.worker.desk.state().runs
-        if 0 <= number < len(runs):
+        if 0 <= number < len(runs) and runs[number].choice is choice:
+            then = "4, then F fits" if choice is Choice.FIT else "F, V or X uses it otherwise"
+            self.notice(f"{runs[number].id} is used so already ({choice.value}); {then}")
+        elif 0 <= number < len(runs):
             self.do_now(lambda: self.worker.desk.use(runs[number].word, choice))
 
     def use_alike(self) -> None:

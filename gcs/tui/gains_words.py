@@ -67,11 +67,12 @@ def _column(
     return Column(head=head, under=under, judgement=judgement, following=following, clearance=clearance)
 
 
-def controller_lines(state: State, width: int) -> list[Line]:
-    """What decides first: side by side; then what speaks against them; then matrices, files and commands."""
+def controller_lines(state: State, width: int, *, proof_first: bool = False) -> list[Line]:
+    """What decides first: side by side; then what speaks against them; then matrices, files and commands. Above all
+    what was flown against predicted, where that is looked at."""
     desk = state.desk
     beside = columns(state)
-    lines: list[Line] = []
+    lines: list[Line] = [*broken(proof_said(desk), width), ""] if proof_first and desk.proof is not None else []
     if desk.trial is not None and desk.trial.problem:
         lines += broken([(f" no gains of these weights: {desk.trial.problem}", "bold")], width)
     if beside:
@@ -82,7 +83,7 @@ def controller_lines(state: State, width: int) -> list[Line]:
     if desk.present is not None and desk.present.fit is None:
         lines.append(fitted(f" {desk.present.crc:06x}: {sanitise(str(desk.present.path))}, on its own model", width))
     lines += broken(_standing_said(desk), width)
-    lines += broken([*_shadow_said(desk), *_proof_said(desk)], width)
+    lines += broken([*_shadow_said(desk), *([] if proof_first else ["", *proof_said(desk)])], width)
     made = desk.designed
     if made is None:
         return lines
@@ -194,6 +195,8 @@ def _risen(answer: Answer) -> str:
 
 def _verdict(one: Column) -> _Cell:
     verdict = one.judgement.verdict
+    if verdict == "holds" and one.clearance is not None and not one.clearance.standing.complete:
+        return _Cell("! if complete", POOR)
     style = FAILS if verdict == "fails" else POOR if verdict in ("poor", "not measured") else ""
     sign = {"fails": "✗ FAILS", "poor": "! poor", "not measured": "! not measured"}.get(verdict, "✓ holds")
     return _Cell(sign if one.clearance is not None else f"{sign} (fit)", style)
@@ -244,7 +247,7 @@ def _shadow_said(desk: DeskState) -> list[Words]:
     return [*lines, *(f"   because: {text}" for text in reasons(made.shadow))]
 
 
-def _proof_said(desk: DeskState) -> list[Words]:
+def proof_said(desk: DeskState) -> list[Words]:
     """This flight against what its gains promised."""
     found = desk.proof
     if found is None:
@@ -253,7 +256,7 @@ def _proof_said(desk: DeskState) -> list[Words]:
 
     first, *rest = proof_text(found).splitlines()
     style = {"not accepted": FAILS, "too few to say": POOR}.get(found.proof.verdict, "bold")
-    return ["", (f" flown against predicted: {first}", style), *(f" {line}" for line in rest)]
+    return [(f" flown against predicted: {first}", style), *(f" {line}" for line in rest)]
 
 
 # ------------------------------------------------------------------------------------------------ the push

@@ -108,7 +108,7 @@ class HelpScreen(Scrolled):
 
     NAME = "help"
     ACTS = (
-        Act("escape", "app.screen('fly')", "back to Fly", "leave help", "escape"),
+        Act("escape", "app.leave_help", "back", "leave help, back to where you were", "escape"),
         Act("w,W", "words", "words", "what the words mean, or the keys again"),
         *READ,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from gcs.analysis.text.findings import listed_runs
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
@@ -9,6 +11,13 @@ from gcs.tui.state import FETCHING, STARTING, Mark, RunView, Stage, State
 from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
 from gcs.vehicle.snapshot import VehicleSnapshot
 
+if TYPE_CHECKING:  # scipy comes along
+    from gcs.analysis.proof import FlownProof
+
+PROOF = "proof"
+OF_LQR = (PROOF, "lqr-doublet", "ArduPilot proof")
+"""Cards on which a controller flies; the first has runs enough to judge it."""
+MULTIROTOR_FIT = "tippath fit LOG --model multirotor"
 ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 """Screens on which a vehicle that is not there matters; the others work on what was recorded."""
 
@@ -128,6 +137,8 @@ def _next_idle(state: State, vehicle: VehicleSnapshot | None) -> str:
     """On Fly while no card is under way."""
     to_fit = any(run.mark is Mark.KEEP and run.kind == "chirp" for run in state.runs)
     if vehicle is None or not vehicle.armed:
+        if _flown_by_lqr(state):
+            return "8, then F: flown against predicted"
         if to_fit:
             return "3 shows the runs that were flown; 4, then F fits them"
         return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
@@ -138,11 +149,20 @@ def _next_idle(state: State, vehicle: VehicleSnapshot | None) -> str:
         return (
             f"{flies}; 3 shows the runs; 4, then F fits them" if to_fit else f"{flies}; R once the pilot has it again"
         )
+    if _flown_by_lqr(state):
+        return "8, then F: flown against predicted; R flies the card again"
     if to_fit:
         return "3 shows the runs; 4, F fits them; R flies the card again into a new folder"
     if any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs):
         return "R flies the card again into a new folder (nothing moves yet)"
     return "R makes the first run ready (nothing moves yet)"
+
+
+def _flown_by_lqr(state: State) -> bool:
+    """Whether the card that is shown asked the LQR for rates, and the desk has its flight and the gains."""
+    flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs)
+    known = state.desk.present is not None and state.desk.path == state.flight and state.desk.proof is None
+    return flown and known and state.card in OF_LQR
 
 
 def _next_runs(state: State) -> str:
@@ -154,6 +174,9 @@ def _next_runs(state: State) -> str:
     fitted, judged = desk.chosen(Choice.FIT), desk.chosen(Choice.VALIDATE)
     if not fitted:
         return "F uses a run to fit: at least a roll and a pitch chirp"
+    swept = {run.axis for run in (*fitted, *judged) if run.maneuver == "chirp"}
+    if len(swept) == 1 and swept < {"roll", "pitch"}:
+        return f"only {swept.pop()} is swept here: O opens a second log with it; or 4 fits this"
     with_judges = (
         f", checked on {len(judged)} other{'s' if len(judged) > 1 else ''}" if judged else "; V on a run lets it judge"
     )
@@ -174,6 +197,8 @@ def _next_fit(state: State) -> str:
         return _no_flight(state)
     if desk.path is not None and not desk.chosen(Choice.FIT):
         return "3 chooses runs to fit: at least a roll and a pitch chirp"
+    if not desk.ladder and desk.of_multirotor:
+        return f"F fits TPP and CD all the same; a shell has its model: {MULTIROTOR_FIT}"
     if not desk.ladder:
         return "F fits TPP and CD to the chosen runs"
     if chosen_anew(desk):
@@ -248,7 +273,7 @@ def _next_ladder(desk: DeskState) -> str:
 def _next_controller(state: State) -> str:
     designed, desk = state.designed, state.desk
     if designed is None and desk.present is not None and not desk.ladder:
-        return "F: flown against predicted" if desk.proof is None else "X: the next run; 4 fits this flight"
+        return "F: flown against predicted" if desk.proof is None else _after_proof(desk.proof)
     if designed is None:
         return "D designs gains" if desk.ladder or state.fitted is not None else "4 fits a flight first"
     shadow = "" if designed.shadow is not None or not desk.chosen(Choice.FIT) else "S: the shadow over these runs; "
@@ -264,6 +289,12 @@ def _next_controller(state: State) -> str:
             "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"
         )
     return f"{shadow}P pushes them to the vehicle (asks first)"
+
+
+def _after_proof(found: FlownProof) -> str:
+    if found.proof.verdict == "too few to say":
+        return f"2, C: card {PROOF} has enough runs to be judged; X: the next run"
+    return "X: the next run; 4 fits this flight"
 
 
 def _next_report(desk: DeskState) -> str:

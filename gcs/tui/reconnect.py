@@ -123,6 +123,7 @@ class Reconnecting:
             profile=self._profile,
             probe=self._probe,
             options=options if real else (),
+            begun_by="" if real else _in_a_shell(connection),
             make_desk=self._taken_over,
         )
 
@@ -210,3 +211,10 @@ class Reconnecting:
     def close(self) -> None:
         """End what is there. Twice is no harm."""
         self._now.close()
+
+
+def _in_a_shell(connection: Connection) -> str:
+    """What starts such a simulated vehicle there; another draw of what is hidden, unless a seed was given."""
+    words = ["tippath", "sim", *(["--hidden", "random"] if connection.hidden else ["--plant", str(connection.plant)])]
+    words += [] if connection.seed is None else ["--seed", str(connection.seed)]
+    return " ".join([*words, *(["--on-ground"] if connection.on_ground else []), "&"])

@@ -32,7 +32,7 @@ class RunsScreen(Split):
         Act("f,F", "choose('FIT')", "fit", "use the marked run to fit"),
         Act("v,V", "choose('VALIDATE')", "validate", "use the marked run to validate"),
         Act("x,X", "choose('OUT')", "out", "leave the marked run out"),
-        Act("a,A", "only_alike", "alike", "leave out runs that are not like the others"),
+        Act("a,A", "only_alike", "", "leave out runs that are not like the others"),
         Act("s,S", "split", "split", "of each axis every second run validates; once more, the others"),
         Act("h,H", "halve", "half", "the marked run's first half is fitted, the second validates"),
         Act("c,C", "cut_begin", "from", "the marked run begins at the cursor (left, right, click)"),
@@ -41,7 +41,7 @@ class RunsScreen(Split):
         Act("enter", "alone", "", "fit the marked run's axis to it alone", "enter"),
         Act("i,I", "app.fetch_log", "log", "fetch the flight's log off the vehicle"),
         Act("o,O", "app.open_flight", "open", "open another flight folder or log"),
-        Act("m,M", "app.rename", "name", "name the flight"),
+        Act("m,M", "app.rename", "", "name the flight"),
         Act("d,D", "app.keep_in", "", "keep results in another folder"),
         Act("pagedown", "scroll(5)", "", "scroll the reasons down", "page down"),
         Act("pageup", "scroll(-5)", "", "scroll the reasons up", "page up"),
@@ -142,7 +142,7 @@ class RunsScreen(Split):
         short = self.size.height < TALL
         rows, unlike = self.query_one("#rows", Lines), self.query_one("#unlike", Lines)
         rows.styles.height = min(max(1, len(desk.runs)), 4 if short else self.size.height - 22)
-        said = runs_words.unlike_lines(like, width, 2 if short else 5)
+        said = [*runs_words.airframe_lines(desk, width), *runs_words.unlike_lines(like, width, 2 if short else 5)]
         unlike.display = bool(said)
         unlike.styles.height = len(said)
         row = desk.runs[self.at] if desk.runs else None

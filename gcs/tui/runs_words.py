@@ -9,6 +9,7 @@ from gcs.analysis.text.findings import listed_runs
 from gcs.desk.state import Choice, DeskState, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.desk_words import Line, broken
+from gcs.tui.next_step import MULTIROTOR_FIT
 from gcs.tui.pressing import pressed
 from gcs.tui.words import fitted, justified
 
@@ -57,6 +58,13 @@ def run_rows(desk: DeskState, at: int, width: int, height: int, like: Alike) -> 
     return lines
 
 
+def airframe_lines(desk: DeskState, width: int) -> list[Line]:
+    """That these runs are of what neither of the app's models is, and where its own is fitted."""
+    if not desk.of_multirotor:
+        return []
+    return broken([f" ! of a multirotor, which neither TPP nor CD is: in a shell {MULTIROTOR_FIT}"], width)
+
+
 def unlike_lines(like: Alike, width: int, height: int) -> list[Line]:
     """How the chosen runs differ and what to do, in at most so many lines; nothing where they are alike."""
     if not like.told:
@@ -65,7 +73,7 @@ def unlike_lines(like: Alike, width: int, height: int) -> list[Line]:
     lines = broken([f" ! {text}" for text in like.told], width)
     if len(lines) >= height:
         lines = [*lines[: height - 2], (fitted(f"{_text(lines[height - 2])} …", width), "")]
-    return [*lines, fitted(do, width)]
+    return [*lines, pressed(fitted(do, width), "screen.only_alike")]
 
 
 def _text(line: Line) -> str:

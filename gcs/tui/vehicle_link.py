@@ -44,6 +44,10 @@ class SimulatedVehicle(Protocol):
     def close(self) -> None: ...
 
 
+SHELL_LINK = "udpin:127.0.0.1:14550"
+"""Where `tippath sim` is heard."""
+
+
 class VehicleLink:
     """Looks for the vehicle in a thread of its own, once begun."""
 
@@ -56,12 +60,15 @@ class VehicleLink:
         *,
         primary: bool,
         options: Sequence[str] = (),
+        begun_by: str = "",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`options` are those behind --connect that a shell needs to reach the same vehicle; `clock` counts seconds."""
+        """`options` are those behind --connect that a shell needs to reach the same vehicle; `begun_by` the
+        command that starts such a vehicle as the app's own simulated one; `clock` counts seconds."""
         self._clock = clock
         self.air = AirTime()
         self._options = tuple(options)
+        self._begun_by = begun_by
         self._moment = moment
         self.word = link
         """The LINK; None where no vehicle is looked for, and until a simulated one has started."""
@@ -84,8 +91,15 @@ class VehicleLink:
 
     @property
     def shell_words(self) -> str:
-        """The link and its options, as a shell takes them."""
-        return shlex.join([self.word or "LINK", *self._options])
+        """The link and its options, as a shell takes them: of a simulated vehicle, whose port dies with the app, that
+        of the command that starts another one."""
+        return shlex.join([SHELL_LINK if self._begun_by else self.word or "LINK", *self._options])
+
+    def did(self, command: str) -> None:
+        """Append what a shell would do on this link, the vehicle first where the app started it."""
+        if self._begun_by and self._begun_by not in self._moment.now.commands:
+            self._moment.did(self._begun_by)
+        self._moment.did(command)
 
     def snapshot(self) -> VehicleSnapshot | None:
         """The vehicle now; None where there is none."""

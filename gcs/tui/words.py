@@ -83,7 +83,11 @@ def screens_line(state: State, here: str, width: int) -> Content:
         show = f"app.screen('{(name if key != '?' else 'help').lower()}')"
         parts += [pressed(f"[{text}]", show, "bold reverse") if is_here else pressed(text, show), gap]
     left = "".join(part if isinstance(part, str) else part[0] for part in parts)
-    right = fitted(sanitise(connection_words(state)), max(0, width - cell_len(left) - 1)) if width >= 120 else ""
+    room = max(0, width - cell_len(left) - 1)
+    where = sanitise(connection_words(state))
+    if state.simulated and cell_len(where) > room:  # what it is stands in full at the bottom
+        where = "SIMULATED"
+    right = fitted(where, room) if width >= 120 else ""
     return Content.assemble(*parts, " " * (width - cell_len(left) - cell_len(right) - 1), right)
 
 
@@ -143,6 +147,8 @@ def progress_line(state: State, width: int, style: PlotStyle, followed: tuple[fl
             return _with_so_far(f" ○ next: {run.label if run else ''}", state, width)
         case Stage.CLOSING:
             return _with_so_far(" the log is completed", state, width)
+        case _ if state.desk.fitted is not None:  # which knows more
+            return " no run under way"
         case _:
             return _with_so_far(" no run under way", state, width)
 
@@ -310,7 +316,7 @@ def said_lines(state: State, width: int, height: int) -> list[str]:
         lines = looked_at(state.checks, width, height)
     texts = [] if state.vehicle is None else [sanitise(text.text) for text in state.vehicle.texts]
     if not texts and not lines:
-        return [" the vehicle has said nothing yet"]
+        return [" no text message came from the vehicle yet"]
     room = height - len(lines)
     return [*(fitted(f" vehicle: {text}", width) for text in (texts[-room:] if room > 0 else ())), *lines]
 

@@ -85,6 +85,7 @@ class FlightWorker:
         profile: str | None = None,
         probe: bool | None = None,
         options: Sequence[str] = (),
+        begun_by: str = "",
         open_session: Callable[..., Session] = Session.open,
         make_desk: Callable[..., Desk] = Desk,
     ) -> None:
@@ -93,7 +94,9 @@ class FlightWorker:
         recognised. With `probe`, by default on every vehicle that the app did not start itself, a small step on each
         axis comes before a card."""
         self._moment = Moment(State(link=link or ("the simulated vehicle" if start_vehicle else ""), plant=plant))
-        self._link = VehicleLink(self._moment, link, start_vehicle, open_session, primary=primary, options=options)
+        self._link = VehicleLink(
+            self._moment, link, start_vehicle, open_session, primary=primary, options=options, begun_by=begun_by
+        )
         self._card = CardFlight(
             self._moment,
             self._link,
@@ -278,7 +281,7 @@ class FlightWorker:
     def _moved(self, did: str, command: str) -> None:
         """Tell of gains that were moved."""
         on_link = f"{command} --connect {self._link.shell_words}"
-        self._moment.did(on_link)
+        self._link.did(on_link)
         self._desk.audit(did, on_link)
 
     def _on_ground(self, what: str = "gains are moved") -> Session:

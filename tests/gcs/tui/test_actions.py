@@ -31,7 +31,7 @@ async def done(app, pilot) -> None:
 KEYS = [
     ("open", "3x", ["desk use flight-0007/flight.BIN#1 OUT"]),
     ("open", "3 up up down v", ["desk use flight-0007/flight.BIN#2 VALIDATE"]),
-    ("open", "3 up up down down f", ["desk use flight-0007/flight.BIN#3 FIT"]),
+    ("open", "3 up up down down v", ["desk use flight-0007/flight.BIN#3 VALIDATE"]),
     ("open", "4f", ["fit", "desk compare"]),
     ("fitted", "5c", ["desk compare"]),
     ("compared", "5c", []),
@@ -68,7 +68,7 @@ async def test_a_key_asks_the_desk():
 QUESTIONS = [
     ("3n", "gusty", "desk note gusty"),
     ("3m", "day 2", "desk rename day 2"),
-    ("3o", "flight-0009", "flight flight-0009"),
+    ("3o", "/", "flight /"),
     ("4m", "cd", "desk choose_base cd []"),
     ("4m", "TPP + elevator, angular_damping", "desk choose_base tpp ['elevator', 'angular_damping']"),
     ("6i", "mine.py", "desk add mine.py"),

@@ -11,8 +11,10 @@ from fake_desk import DESKS, RUNS
 from gcs.analysis.alike import alike
 from gcs.tui import runs_words
 from gcs.tui.draw_run import run_strip
+from gcs.tui.next_step import MULTIROTOR_FIT, next_words
 from gcs.tui.state import State, joined
 from gcs.tui.widgets.traces import Traces
+from sysid.data.airframe import Airframe
 
 WORD = "flight-0007/flight.BIN#{}"
 
@@ -62,6 +64,31 @@ async def test_the_run_under_the_mark_is_drawn_and_cut_where_the_cursor_is():
         await pilot.press("down")
         await settle(app)
         assert not app.screen.query_one("#drawn").display, "a run without samples"
+
+
+async def test_a_key_that_changes_nothing_says_why():
+    app, engine = app_on(on("open"))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("3", "f")
+        await settle(app)
+        assert "flight.BIN#1 is used so already (fit); 4, then F fits" in "\n".join(screen_text(app))
+        await pilot.press("down", "f")
+        assert engine.asked == ["desk use flight-0007/flight.BIN#2 FIT"]
+
+
+def test_a_multirotor_is_told_where_its_model_is_and_one_axis_where_the_other_comes_from():
+    desk = DESKS["open"]
+    quad = tuple(
+        row if row.record is None else replace(row, record=replace(row.record, airframe=Airframe.MULTIROTOR))
+        for row in desk.runs
+    )
+    of_quad = replace(desk, runs=quad)
+    assert runs_words.airframe_lines(desk, 80) == []
+    assert "neither TPP nor CD is" in str(runs_words.airframe_lines(of_quad, 80))
+    assert MULTIROTOR_FIT in next_words(joined(IDLE, of_quad), "Fit")
+    roll = replace(desk, runs=tuple(row for row in desk.runs if row.axis == "roll" and row.maneuver == "chirp"))
+    assert "only roll is swept here: O" in next_words(joined(IDLE, roll), "Runs")
+    assert "4 fits 2 runs" in next_words(joined(IDLE, desk), "Runs")
 
 
 def test_sizes_have_units_and_a_long_name_shows_its_end():

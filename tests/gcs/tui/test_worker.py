@@ -374,6 +374,19 @@ def test_nothing_starts_without_ready(engine):
     assert engine.fake_card.folder is None
 
 
+def test_a_start_that_comes_too_early_is_told(engine):
+    engine.ready()
+    engine.start()
+    if engine.state().stage is Stage.CHECKING:
+        assert "too early" in engine.state().said
+    reach(engine, Stage.READY)
+    assert engine.state().said == "", "once it stands there, it is over"
+    engine.start()
+    assert engine.fake_card.flying.wait(WITHIN_S)
+    engine.start()
+    assert "not yet" in engine.state().said
+
+
 def test_the_checks_of_a_run_that_waits_are_made_again(engine):
     seen: list[Check] = []
     engine.fake_card.seen = lambda: tuple(seen)
