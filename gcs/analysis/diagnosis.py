@@ -12,10 +12,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from gcs.analysis.ladder import Step
+from gcs.analysis.ladder import SLIGHT, Step, together
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from gcs.vehicle.sweeps import chirps_only, flies_cards
 from sysid.compare.compare import compare
@@ -31,8 +32,8 @@ from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import Candidate, instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
-from sysid.diagnose.loop_change import Limit
-from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder
+from sysid.diagnose.loop_change import Limit, MarginChange
+from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder, winner_change
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.shares import EXPLAINED
@@ -40,7 +41,7 @@ from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.identify import on_runs
-from sysid.fit.result import Fit
+from sysid.fit.result import Fit, finite
 from sysid.model.effect import Effect, named_effect
 
 MOST_RUNGS = 6
@@ -134,6 +135,32 @@ Remark = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Slight:
+    """What an effect would do that gains little fit."""
+
+    points: float
+    """Of NRMSE fit, all outputs as one."""
+    change: MarginChange | None
+    """Of the loop that is designed without it; None where no loop tells."""
+    limit: Limit
+
+    @property
+    def matters(self) -> bool | None:
+        """Whether that is beyond the limit; None where no loop tells."""
+        return None if self.change is None else self.change.over(self.limit) > 1
+
+    def to_json(self) -> dict[str, Any]:
+        """`points`, `gain_db`, `phase_deg`, `matters`."""
+        change = self.change
+        return {
+            "points": finite(self.points),
+            "gain_db": None if change is None else finite(change.gain_db),
+            "phase_deg": None if change is None else finite(change.phase_deg),
+            "matters": self.matters,
+        }
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FitDiagnosis:
     """A diagnosis with all that is told beside it."""
@@ -157,6 +184,8 @@ class FitDiagnosis:
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
     remarks: tuple[Remark, ...] = ()
     """What these runs cost the answer."""
+    slight: Slight | None = None
+    """What is missing by name and gains little fit."""
     as_usual: bool = True
     """Whether it was asked by itself: of the catalogue alone, with the usual limits, to the end."""
 
@@ -205,16 +234,14 @@ def diagnose_fit(
         if not repeat or grown is None or wild or _unsure(answer) or len(rungs) >= MOST_RUNGS or _interrupted(answer):
             break
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records)]
-    remarks += [*(_in_a_loop(answer) or _no_excitation(answer)), *_not_judged(answer, judging.records)]
-    remarks += [] if answer.unsearched is None else [answer.unsearched]
+    remarks = _remarks(answer, fitted.records, judging.records)
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))
         grown = grown if isinstance(remarks[-1], StoppedAsking) else None
     say(Asking(stage=Stage.FAILS))
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say(Asking(stage=Stage.REASONS))
-    explanation = _explained(answer)
+    explanation, slight = _explained(answer), _slight(answer, limit or Limit())
     say(Asking(stage=Stage.MANEUVER))
     return FitDiagnosis(
         fit=fit,
@@ -229,12 +256,29 @@ def diagnose_fit(
         suggestion=_suggested(answer, fit, len(fitted.records)) if suggesting else None,
         next=_by_card_or_hand(answer),
         remarks=tuple(remarks),
+        slight=slight,
         as_usual=_as_usual(answer, effects, limit, repeat),
     )
 
 
+def _remarks(answer: Diagnosis, fitted: Sequence[Record], judging: Sequence[Record]) -> list[Remark]:
+    """What these runs cost this answer."""
+    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted, judging)]
+    remarks += [*(_in_a_loop(answer) or _no_excitation(answer)), *_not_judged(answer, judging)]
+    return remarks if answer.unsearched is None else [*remarks, answer.unsearched]
+
+
 def _as_usual(answer: Diagnosis, effects: Sequence[Effect], limit: Limit | None, repeat: bool) -> bool:
     return not (effects or repeat or limit is not None or _interrupted(answer))
+
+
+def _slight(answer: Diagnosis, limit: Limit) -> Slight | None:
+    """None of what gains much, or is not named."""
+    winner = answer.winner
+    if answer.verdict != "missing" or winner is None or winner.fit is None:
+        return None
+    points = together(winner.fit.nrmse_percent) - together(answer.parent.nrmse_percent)
+    return None if points >= SLIGHT else Slight(points, winner_change(answer), limit)
 
 
 def _interrupted(answer: Diagnosis) -> bool:

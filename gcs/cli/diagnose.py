@@ -70,10 +70,11 @@ null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE fit, th
 (what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio",
 "limit", "matters") or null where one is missing by name, "reason" (where the data are the cause: "clocks", of time
 stamps, "feedback", or null), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict",
-"effect", "confidence"}], "first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or null,
-"unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"}
-or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes, this is no
-interface)}.
+"effect", "confidence"}], "slight": {"points" (of fit that the missing effect gains, where that is little), "gain_db",
+"phase_deg", "matters"} or null, "first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or
+null, "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains",
+"firsts"} or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes,
+this is no interface)}.
 """
 
 

@@ -69,6 +69,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = (), folder
         "fit_sha256": digest(found.fit),
         "models": open_models(found, folder or Path()),
         **({"within_points": None, "remainder": None} if found.remainder is None else found.remainder.to_json()),
+        "slight": None if found.slight is None else found.slight.to_json(),
         "warnings": list(warnings),
         "reason": "clocks" if any(isinstance(remark, ClocksDiffer) for remark in found.remarks) else found.last.reason,
         "character": {

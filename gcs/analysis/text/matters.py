@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from gcs.analysis.text.hidden import up_to
 
 if TYPE_CHECKING:
+    from gcs.analysis.diagnosis import Slight
     from sysid.diagnose.matters import Remainder
 
 
@@ -23,6 +24,16 @@ def remainder_sentence(left: Remainder) -> str:
     worst = left.margins_by or left.mode_by
     named = "" if worst is None else f" (at worst {worst.effect} {up_to(worst)})"
     return f"what is left could change {', '.join(done)}{named}: {_matter(left)}"
+
+
+def slight_sentence(found: Slight) -> str:
+    """`it gains 0.2 points of fit only, and moves margins by 0.1 dB, 0.4°: it hardly matters (below 1 dB, 5°)`."""
+    gain = f"it gains {found.points:.1f} points of fit only"
+    if found.change is None:
+        return f"{gain}; no loop is designed on it that tells whether that matters"
+    limit = f"{found.limit.gain_db:g} dB, {found.limit.phase_deg:g}°"
+    matters = f"it could matter (from {limit})" if found.matters else f"it hardly matters (below {limit})"
+    return f"{gain}, and moves margins by {found.change.gain_db:.1f} dB, {found.change.phase_deg:.1f}°: {matters}"
 
 
 def _matter(left: Remainder) -> str:

@@ -10,7 +10,7 @@ from gcs.analysis.quantities import listed, plausible_range, quantity
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
-from gcs.analysis.text.matters import remainder_sentence
+from gcs.analysis.text.matters import remainder_sentence, slight_sentence
 from gcs.analysis.text.progress import before_pairs_words
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
@@ -54,7 +54,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     ]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
-    lines += [nrmse_row("noise alone would allow", None, floor), *_weighed(found)]
+    lines += [nrmse_row("noise alone would allow", None, floor), *_weighed(found), *_slight(found)]
     lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
 
@@ -115,6 +115,10 @@ def _beside_the_other(name: str, last: Diagnosis) -> Ranked | None:
 def _left(found: FitDiagnosis) -> list[Line]:
     left = found.remainder
     return [] if left is None else [Sentence(remainder_sentence(left), "  ", "    ")]
+
+
+def _slight(found: FitDiagnosis) -> list[Line]:
+    return [] if found.slight is None else [Sentence(slight_sentence(found.slight), "  ", "    ")]
 
 
 def _numbers(name: str, percent: Nrmse) -> str:

@@ -15,12 +15,14 @@ from msgspec import structs
 
 from gcs.analysis.answer import answer_of
 from gcs.analysis.candidates import ranked
-from gcs.analysis.diagnosis import remarks_on
+from gcs.analysis.diagnosis import Slight, remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
 from gcs.analysis.text.maneuvers import maneuver_text, proposal_text
+from gcs.analysis.text.matters import slight_sentence
 from gcs.tui import desk_words
 from sysid.compare.finding_kinds import AtTheEnds
 from sysid.diagnose.explain import Explanation
+from sysid.diagnose.loop_change import Limit, MarginChange
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
 from sysid.diagnose.progress import FirstAnswer
@@ -54,7 +56,7 @@ def unexplained(proposal: NextManeuver) -> Any:
         remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
         hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
-        remainder=None, runs=SimpleNamespace(records=()),
+        remainder=None, slight=None, runs=SimpleNamespace(records=()),
     )  # fmt: skip
 
 
@@ -174,3 +176,20 @@ def test_candidates_stand_by_what_they_explain_the_answer_first() -> None:
     assert [one.effects[0] for one in ranked(last)] == ["c", "d", "b", "e", "a"]
     last.winner = last.pairs[1]
     assert [one.effects[0] for one in ranked(last)] == ["f", "d", "b", "e", "a", "c"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            MarginChange(gain_db=0.1, phase_deg=0.44),
+            "moves margins by 0.1 dB, 0.4°: it hardly matters (below 1 dB, 5°)",
+        ),
+        (MarginChange(gain_db=0.1, phase_deg=6.0), "moves margins by 0.1 dB, 6.0°: it could matter (from 1 dB, 5°)"),
+        (None, "no loop is designed on it that tells whether that matters"),
+    ],
+)
+def test_what_gains_little_fit_is_said_to_matter_or_hardly(change: MarginChange | None, said: str) -> None:
+    words = slight_sentence(Slight(0.23, change, Limit()))
+    assert words.startswith("it gains 0.2 points of fit only")
+    assert words.endswith(said)
