@@ -144,7 +144,7 @@ class Desk(Working):
                 self._set(
                     fitted=fitted.shown,
                     ladder=self._calculations.named([Rung(name="", effect=None, fit=fitted.bottom, path=None)]),
-                    said=f"fitted to {len(records)} runs",
+                    said=f"fitted to {len(records)} run{'s' if len(records) > 1 else ''}",
                 )
             runs, judging = ([row.word for row in rows if row.choice is one] for one in (Choice.FIT, Choice.VALIDATE))
             for fit in (fitted.shown.found.cd, fitted.shown.found.tpp):
