@@ -12,7 +12,7 @@ from typing import Any
 def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "demo",
-        help="the whole flight test on the simulated vehicle, in five minutes",
+        help="the whole flight test on the simulated vehicle, in six minutes",
         description="Start the simulated vehicle, fly the hover card, prove that every byte of its log arrived, fit "
         "TPP and CD, print the paper's tables with ours beside, name the effect that TPP lacks and add it, design "
         "gains on that, push them while it stands on the ground, fly the LQR and see whether it follows, land, revert. "

@@ -13,7 +13,7 @@ import shlex
 from pathlib import Path
 
 from gcs.analysis.candidates import ranked, shows
-from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis, of_responses
+from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis, InALoop, of_responses
 from gcs.analysis.ladder import rungs_of, short_names
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
 from gcs.analysis.text.explanation import explanation_lines
@@ -178,7 +178,7 @@ def next_file(fit: str) -> str:
     return str(Path(fit).with_name(f"{name}.json"))
 
 
-def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:
+def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[Line]:
     """The command to type next."""
     again = f" {rest}" if rest else ""
     if found.next is not None and isinstance(found.next.proposal, FitRuns) and not rest:
@@ -205,15 +205,19 @@ def _word(run: Record) -> str:
 def _one_step(found: FitDiagnosis, fit: str, again: str, written: str | None) -> list[str]:
     last = found.last
     if last.verdict == "complete" or a_trace(last):
-        return command(f"tippath design {written or fit}") if designs_on(found.fit.model.structure) else []
+        return [*command(f"tippath design {written or fit}")] if designs_on(found.fit.model.structure) else []
     if written is not None:
-        return command(f"tippath compare {written}")
+        return [*command(f"tippath compare {written}")]
     if last.verdict == "missing" and last.effect is not None:
-        return command(f"tippath add {fit} {last.effect}{again} -o {next_file(fit)}")
+        add = f"tippath add {fit} {last.effect}{again} -o {next_file(fit)}"
+        if any(isinstance(one, InALoop) for one in found.remarks):
+            words = "fly a chirp with noise on every axis, with the excitation logged, and fit that; as it is:"
+            return [Sentence(words, " next: ", "   "), f"   {add}"]
+        return [*command(add)]
     if any(one.kind == "mixed" for one in found.comparison.suspicions):
         return [" next: fit the runs apart, and diagnose each fit"]
     if found.comparison.suspicions:
         return [" next: clear the suspicion, fit, and ask again"]
     if last.stands_in:
-        return command(f"tippath add {fit} {last.effect}{again}")
-    return command(f"tippath diagnose {fit}{again} --suggest term.py")
+        return [*command(f"tippath add {fit} {last.effect}{again}")]
+    return [*command(f"tippath diagnose {fit}{again} --suggest term.py")]

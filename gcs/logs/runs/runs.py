@@ -19,6 +19,7 @@ from gcs.logs.formats.tables import TABLES, Log
 from gcs.logs.profile.mapping import OutsideLog
 from gcs.logs.profile.profiles import Cut, Profile
 from gcs.logs.runs import autotune, excited, systemid, told
+from gcs.logs.runs.around import disarmed
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S
 from gcs.logs.runs.run import AnyWindow, FromStart, Run, unread
@@ -232,18 +233,19 @@ def _no_maneuver(log: Log, profile: Profile) -> str:
     sweep = how_to_sweep(profile.name, log.kind)
     return (
         f"no excitation maneuver: {what}, and the commands show no chirp; pilot and controller alone moved the "
-        f"commands, and their feedback cannot be told from the vehicle: {sweep}; or name a stretch that was "
-        f"flown as one: {_window_to_name(log, profile)}"
+        f"commands, and their feedback cannot be told from the vehicle: {sweep}; {_stretch_to_name(log, profile)}"
     )
 
 
-def _window_to_name(log: Log, profile: Profile) -> str:
-    """`--window 52:92 --band 1:15`: where the vehicle moved, from where on it shows more than its controller."""
+def _stretch_to_name(log: Log, profile: Profile) -> str:
+    """`... --window 52:92 --band 1:15`: where the vehicle moved, from where on it shows more than its controller."""
     channels = excited.commands(log, profile)
     stretch = None if channels is None else flown_stretch(channels)
-    if stretch is None:
-        return "--window START:STOP"
-    return f"--window {stretch[0]:g}:{stretch[1]:g} --band 1:15, where it moved (below 1 Hz a controller shows)"
+    named = "or name a stretch that was flown as one: --window"
+    if stretch is not None:
+        return f"{named} {stretch[0]:g}:{stretch[1]:g} --band 1:15, where it moved (below 1 Hz a controller shows)"
+    never = disarmed(log, -math.inf, math.inf) is not None
+    return "it has no stretch to name instead, for nothing flew" if never else f"{named} START:STOP"
 
 
 def _ends(window: AnyWindow | None) -> tuple[float, float]:
