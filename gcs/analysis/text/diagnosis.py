@@ -202,7 +202,7 @@ def _word(run: Record) -> str:
     return f"{path}#{number}" if mark else path
 
 
-def _one_step(found: FitDiagnosis, fit: str, again: str, written: str | None) -> list[str]:
+def _one_step(found: FitDiagnosis, fit: str, again: str, written: str | None) -> list[Line]:
     last = found.last
     if last.verdict == "complete" or a_trace(last):
         return [*command(f"tippath design {written or fit}")] if designs_on(found.fit.model.structure) else []
