@@ -127,7 +127,7 @@ class AskFrom(Ask):
 
     def _list(self) -> None:
         width = max(20, self.app.size.width - 8)
-        rows = min(ROWS, len(self._offers), max(1, self.app.size.height - 17))
+        rows = min(ROWS, len(self._offers), max(1, self.app.size.height - 16 - len(self.hint_lines)))
         first = max(0, min(self._at - rows // 2, len(self._offers) - rows))
         names = max((len(word) for word, _ in self._offers), default=0)
         names = min(names, width // 2)

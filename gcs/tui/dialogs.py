@@ -53,10 +53,15 @@ class Ask(Dialog):
 
     def break_text(self) -> None:
         """Break the hint to the box."""
-        lines = wrapped(f" {sanitise(self._hint)}", max(20, self.app.size.width - 8), 0)
+        lines = self.hint_lines
         hint = self.query_one("#hint", Lines)
         hint.styles.height = len(lines) + 1
         hint.show([*lines, ANSWERS])
+
+    @property
+    def hint_lines(self) -> list[str]:
+        """The hint, broken to the box."""
+        return wrapped(f" {sanitise(self._hint)}", max(20, self.app.size.width - 8), 0)
 
     def action_take(self) -> None:
         """As enter."""

@@ -123,7 +123,7 @@ class Reconnecting:
             profile=self._profile,
             probe=self._probe,
             options=options if real else (),
-            begun_by="" if real else _in_a_shell(connection),
+            begun_by="" if real else begun_in_a_shell(connection),
             make_desk=self._taken_over,
         )
 
@@ -213,7 +213,7 @@ class Reconnecting:
         self._now.close()
 
 
-def _in_a_shell(connection: Connection) -> str:
+def begun_in_a_shell(connection: Connection) -> str:
     """What starts such a simulated vehicle there; another draw of what is hidden, unless a seed was given."""
     words = ["tippath", "sim", *(["--hidden", "random"] if connection.hidden else ["--plant", str(connection.plant)])]
     words += [] if connection.seed is None else ["--seed", str(connection.seed)]

@@ -17,7 +17,7 @@ from gcs.tui import gains_words
 from gcs.tui.connections import simulated
 from gcs.tui.moment import Moment
 from gcs.tui.next_step import next_words
-from gcs.tui.reconnect import _in_a_shell
+from gcs.tui.reconnect import begun_in_a_shell
 from gcs.tui.state import Bank, Mark, RunView, State, joined
 from gcs.tui.vehicle_link import SHELL_LINK, VehicleLink
 from gcs.tui.words import progress_line, screens_line
@@ -38,7 +38,7 @@ async def test_a_typo_leaves_the_box_open_with_what_is_wrong(monkeypatch):
     def choose(word: str) -> None:
         engine.asked.append(word)
         if word != "proof":
-            raise UsageError(f"{word}: no such card")
+            raise UsageError(f"{word}: no such card; {'one of these, ' * 15}")
 
     monkeypatch.setattr(engine, "choose_card", choose)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -48,6 +48,7 @@ async def test_a_typo_leaves_the_box_open_with_what_is_wrong(monkeypatch):
         await app.workers.wait_for_complete()
         await settle(app)
         assert "proofx: no such card" in "\n".join(screen_text(app))
+        assert screen_text(app)[0].rstrip().endswith("F12 ABORT"), "a long answer leaves the line above as it is"
         await pilot.press("end", "backspace", "enter")
         await app.workers.wait_for_complete()
         assert engine.asked == ["proofx", "proof"]
@@ -99,7 +100,7 @@ def test_gains_of_a_model_that_nobody_asked_do_not_hold_without_a_word():
 
 @pytest.mark.parametrize(("seed", "words"), [(None, ""), (7, " --seed 7")])
 def test_commands_of_a_simulated_vehicle_begin_one_that_a_shell_can_reach(seed, words):
-    begun = _in_a_shell(simulated("hover", seed=seed))
+    begun = begun_in_a_shell(simulated("hover", seed=seed))
     assert begun == f"tippath sim --plant hover{words} &"
     moment = Moment(State(link=""))
     link = VehicleLink(moment, None, None, open_session=lambda: None, primary=True, begun_by=begun)  # type: ignore[arg-type]
