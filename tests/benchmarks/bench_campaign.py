@@ -12,7 +12,7 @@ from flying import TWO_CHIRPS, flown
 
 from gcs.campaign.store import Store
 from gcs.campaign.work import Settings
-from gcs.campaign.workers import Progress, Task, carry_out, work_through
+from gcs.campaign.workers import Cluster, Progress, Task, carry_out, work_through
 
 COUNTS = tuple(int(word) for word in os.environ.get("CAMPAIGN_LOGS", "10,100,1000").split(","))
 """How many; the last takes minutes."""
@@ -53,7 +53,8 @@ class Clock:
 def timed(folder: Path, count: int, workers: int, make: Callable[[Path, int], list[Path]] = many) -> Clock:
     paths = make(folder / "logs", count)
     clock = Clock()
-    outcomes = work_through(paths, Settings(), Store(folder / "out"), workers=workers, on_progress=clock)
+    with Cluster(workers=workers) as cluster:
+        outcomes = work_through(paths, Settings(), Store(folder / "out"), cluster, on_progress=clock)
     assert all(one.fit is not None for one in outcomes)
     return clock
 
@@ -91,13 +92,13 @@ def bench_scheduler(tmp_path: Path) -> None:
     ends: list[float] = []
     tasks = {str(number): Task(tmp_path, time.sleep, (TASK_S,)) for number in range(TASKS)}
     began = time.monotonic()
-    carry_out(
-        tasks,
-        lambda key, result, words: ends.append(time.monotonic()),
-        lambda seconds, waiting: None,
-        scheduler=None,
-        workers=1,
-    )
+    with Cluster(workers=1) as cluster:
+        carry_out(
+            tasks,
+            lambda key, result, words: ends.append(time.monotonic()),
+            lambda seconds, waiting: None,
+            cluster,
+        )
     over = (ends[-1] - ends[0]) / (TASKS - 1) / TASK_S - 1
     print(f"\n{100 * over:.1f} % over tasks of {TASK_S:g} s; {ends[0] - began - TASK_S:.1f} s to start")
     assert over < OVERHEAD
