@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from gcs.campaign.estimates import estimates_of
+from gcs.campaign.estimates import estimates_of, with_bounds
 from gcs.campaign.groups import copies
 from gcs.campaign.work import Outcome
 from sysid.campaign.changes import Change, Kind, line_along
@@ -141,7 +141,7 @@ def found(
     """What flights in groups say; `seed` draws the orders of days that chances are counted of. `known_copies`: path of
     a log that was left out of the groups -> path of the one that holds the same flight."""
     counted, again = _counted(groups)
-    dated = {group: [one for one in each if one.when is not None] for group, each in counted.items()}
+    dated = {group: with_bounds([one for one in each if one.when is not None]) for group, each in counted.items()}
     flights = {group: [_flight(one) for one in each] for group, each in dated.items()}
     combined = _combined(flights)
     estimates = _estimates(dated)

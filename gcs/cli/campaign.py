@@ -61,7 +61,8 @@ has two).
 A parameter of a flight is taken as a mean, plus what goes with rotor speed and airspeed where they differ and there are
 days enough (straight lines), plus a deviation of its day, plus one of the flight, plus the error that its fit states: a
 mixed model of which the days are the random effect. A step or a drift is counted among orders of the days; days that
-lie apart are told and left out of the mean.
+lie apart are told and left out of the mean. What a fit ended at its bound (a delay at 0) counts there, as well known as
+other flights know it; what all ended there has no course.
 """
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ import pytest
 from flying import TWO_CHIRPS, flown
 
 from gcs.campaign.store import Store
-from gcs.campaign.work import Settings
+from gcs.campaign.work import Settings, worked_on
 from gcs.campaign.workers import Cluster, Progress, Task, carry_out, work_through
 
 COUNTS = tuple(int(word) for word in os.environ.get("CAMPAIGN_LOGS", "10,100,1000").split(","))
@@ -19,6 +20,7 @@ COUNTS = tuple(int(word) for word in os.environ.get("CAMPAIGN_LOGS", "10,100,100
 FLAT = 1.15
 """A log among the most costs at most so much of one among the fewest."""
 SECOND_CORE = 1.7
+MEMORY_LOGS, FLAT_MEMORY = 100, 1.05
 OVERHEAD = 0.10
 TASKS, TASK_S = 20, 1.0
 UNEQUAL = 64
@@ -74,6 +76,24 @@ def bench_cost_of_a_log(tmp_path: Path) -> None:
         each[count] = clock.each_s
         print(f"\n{count:6} logs: {1e3 * clock.each_s:.0f} ms each, {clock.first - clock.began:.1f} s to the first")
     assert each[COUNTS[-1]] < FLAT * each[COUNTS[0]]
+
+
+def bench_memory_of_a_worker(tmp_path: Path) -> None:
+    """The most that a process ever held, log after log."""
+    paths = many(tmp_path / "logs", MEMORY_LOGS)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        most = pool.map(most_held_mb, paths, chunksize=1)
+    first = most[MEMORY_LOGS // 10 - 1]
+    print(f"\n{first:.0f} MB after {MEMORY_LOGS // 10} logs, {most[-1]:.0f} MB after {MEMORY_LOGS}")
+    assert most[-1] < FLAT_MEMORY * first
+
+
+def most_held_mb(path: Path) -> float:
+    """After a log more."""
+    import resource  # POSIX
+
+    assert worked_on(path, Settings()).fit is not None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core")
