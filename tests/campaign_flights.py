@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from gcs.campaign.when import When
-from gcs.campaign.work import Number, Numbers, Outcome, Settings
+from gcs.campaign.work import AtBound, Number, Numbers, Outcome, Settings
 
 TRUTH: Mapping[str, tuple[float, float, str]] = {
     "L_b": (147.5, 2.0, "1/s^2"),
@@ -34,8 +34,10 @@ def outcomes(
     correlation: float = -0.97,
     spread: float = 0.5,
     days: int = 365,
+    zero: str | None = None,
 ) -> tuple[Outcome, ...]:
-    """A year's flights; `spread` between days, in standard errors."""
+    """A year's flights; `spread` between days, in standard errors; one parameter that is 0, and
+    cannot be below."""
     chance, names = np.random.default_rng(seed), list(TRUTH)
     alike = np.eye(len(names))
     alike[3, 4] = alike[4, 3] = correlation
@@ -45,6 +47,8 @@ def outcomes(
         error = np.array([one[1] for one in TRUTH.values()]) * chance.uniform(0.6, 1.7)
         covariance = alike * np.outer(error, error)
         value = np.array([one[0] for one in TRUTH.values()])
+        if zero is not None:
+            value[names.index(zero)] = 0.0
         for name, size in (step or {}).items():
             value[names.index(name)] += size * (day >= STEP_DAY)
         for name, size in (drift or {}).items():
@@ -52,6 +56,7 @@ def outcomes(
         for name, size in (per_rotor_speed or {}).items():
             value[names.index(name)] += size * (omega - 172.0)
         value += chance.multivariate_normal(np.zeros(len(names)), covariance + spread**2 * np.diag(error**2))
+        at = [place for place, name in enumerate(names) if name != zero or value[place] > 0]
         made.append(
             Outcome(
                 key=f"{seed:04x}{number:060x}",
@@ -68,9 +73,10 @@ def outcomes(
                     effects=("transport_delay", "servo_lag"),
                     parameters={
                         name: Number(value=float(v), unit=TRUTH[name][2], standard_error=float(e), model_error=0.0)
-                        for name, v, e in zip(names, value, error, strict=True)
+                        for name, v, e in ((names[i], value[i], error[i]) for i in at)
                     },
-                    covariance=tuple(tuple(float(x) for x in row) for row in covariance),
+                    covariance=tuple(tuple(float(x) for x in row) for row in covariance[np.ix_(at, at)]),
+                    at_bound={names[i]: AtBound(value=0.0, unit="s") for i in range(len(names)) if i not in at},
                     nrmse_percent={"p": 93.0 + chance.normal(), "q": 91.0 + chance.normal()},
                     validation_nrmse_percent=None,
                     band_hz=(0.5, 10.0),

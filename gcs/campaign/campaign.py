@@ -10,16 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import msgspec
 
+from gcs.analysis.quantities import listed
 from gcs.campaign.given import Given
 from gcs.campaign.groups import copies, grouped, placed
 from gcs.campaign.store import Store
 from gcs.campaign.work import Outcome, Settings
-from gcs.campaign.workers import Progress, predict_through, work_through
-from gcs.errors import TippathError, UsageError
+from gcs.campaign.workers import Cluster, Progress, predict_through, work_through
+from gcs.errors import TippathError, UsageError, to_install
 from gcs.logs import logs_in
 
 ABOUT = "campaign.json"
@@ -66,6 +68,16 @@ def _is_ours(path: Path) -> bool:
     return path.suffix == ".parquet" and (path.parent.parent / ABOUT).is_file()
 
 
+def refuse_without_extra() -> None:
+    """Before long work, whose results could not be written. Raises TippathError with what to install."""
+    missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
+    if missing:
+        raise TippathError(
+            f"a campaign needs {listed(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed: "
+            f"{to_install(*missing)}"
+        )
+
+
 def refuse_strangers(folder: Path) -> None:
     """Before long work: a campaign goes on in its own folder or begins in an empty one. Raises UsageError."""
     if folder.exists() and not folder.is_dir():
@@ -86,17 +98,11 @@ def run_campaign(
 ) -> Campaign:
     """Work on all logs that were not worked on before. Raises as `work_through`."""
     store = Store(folder)
-    worked = work_through(logs, settings, store, scheduler=scheduler, workers=workers, on_progress=on_progress)
-    outcomes = placed(worked, given)
-    again = copies(outcomes)
-    groups = grouped(outcomes, given, again)
-    predicted = predict_through(
-        list(neighbours(groups)),
-        store,
-        scheduler=scheduler,
-        workers=workers,
-        on_progress=on_progress,
-    )
+    with Cluster(scheduler, workers) as cluster:
+        outcomes = placed(work_through(logs, settings, store, cluster, on_progress=on_progress), given)
+        again = copies(outcomes)
+        groups = grouped(outcomes, given, again)
+        predicted = predict_through(list(neighbours(groups)), store, cluster, on_progress=on_progress)
 
     def judged(flights: Iterable[Outcome]) -> tuple[Outcome, ...]:
         return tuple(msgspec.structs.replace(one, predicted=predicted.get(one.path)) for one in flights)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.campaign.work import CONDITIONS, Numbers, Outcome
-from gcs.errors import TippathError, to_install
 
 if TYPE_CHECKING:
     import pyarrow
@@ -103,7 +102,7 @@ def write_dataset(
     copies: Mapping[str, str],
     folder: Path,
 ) -> list[Path]:
-    """`FOLDER/dataset/TABLE.parquet`, whole or not at all. Raises TippathError where pyarrow is missing, OSError."""
+    """`FOLDER/dataset/TABLE.parquet`, whole or not at all. Raises OSError."""
     group_of = {one.path: name for name, each in groups.items() for one in each}
     rows: dict[str, list[Row]] = {name: [] for name in TABLES}
     for one in outcomes:
@@ -184,11 +183,9 @@ def _parameter_rows(fit: Numbers) -> Iterator[Row]:
 
 
 def _write(rows: Sequence[Row], columns: Columns, path: Path) -> Path:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        raise TippathError(f"the dataset needs pyarrow, which is not installed: {to_install('pyarrow')}") from error
+    import pyarrow
+    from pyarrow import parquet
+
     kinds: dict[str, pyarrow.DataType] = {
         "text": pyarrow.string(),
         "number": pyarrow.float64(),

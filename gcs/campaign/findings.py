@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from gcs.campaign.estimates import estimates_of
+from gcs.campaign.estimates import estimates_of, with_bounds
 from gcs.campaign.groups import copies
 from gcs.campaign.work import Outcome
 from sysid.campaign.changes import Change, Kind, line_along
@@ -134,10 +135,13 @@ class Findings:
         }
 
 
-def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
-    """What flights in groups say; `seed` draws the orders of days that chances are counted of."""
+def found(
+    groups: Mapping[str, Sequence[Outcome]], seed: int = 0, *, known_copies: Mapping[str, str] = MappingProxyType({})
+) -> Findings:
+    """What flights in groups say; `seed` draws the orders of days that chances are counted of. `known_copies`: path of
+    a log that was left out of the groups -> path of the one that holds the same flight."""
     counted, again = _counted(groups)
-    dated = {group: [one for one in each if one.when is not None] for group, each in counted.items()}
+    dated = {group: with_bounds([one for one in each if one.when is not None]) for group, each in counted.items()}
     flights = {group: [_flight(one) for one in each] for group, each in dated.items()}
     combined = _combined(flights)
     estimates = _estimates(dated)
@@ -158,7 +162,7 @@ def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
         events=tuple(events),
         goes_with=_goes_with(single, about.units),
         apart=_apart(single),
-        copies=again,
+        copies={**known_copies, **again},
         undated=tuple(one.path for one in every if one.when is None),
         dated_by_file=sum(one.when is not None and one.when.told_by == "file" for one in every),
         asked=sum(course.change is not None for course in single.values()),
@@ -376,7 +380,8 @@ def _course_json(key: tuple[str, str], course: Course, units: Mapping[str, str])
         "mean": float(course.level.at[0]),
         "standard_error": float(course.level.covariance[0, 0] ** 0.5),
         "between_days": course.level.between,
-        "within": float(np.median(course.days.error)),
+        "between_flights": course.days.within,
+        "within": float(np.median([one.error for each in course.days.flights for one in each])),
         "days": len(course.days),
         "flights": sum(len(one) for one in course.days.flights),
         "chance_of_change": course.chance,

@@ -26,6 +26,7 @@ from gcs.campaign.sentences import (
     none_apart_sentence,
     nothing_sentence,
     remarks,
+    short,
 )
 from gcs.campaign.summary import reasons
 from gcs.campaign.work import Outcome
@@ -49,6 +50,7 @@ class Parameter:
     anchor: str
     value: str
     between: str
+    within_days: str
     within: str
     days: int
     flights: int
@@ -109,7 +111,7 @@ def campaign_page(
     return rendered(
         "campaign.html.jinja",
         title="Campaign",
-        about=_about(fitted, len(without), findings),
+        about=_about(fitted, without, findings),
         changes=[event_sentence(one) for one in findings.events],
         dependences=[dependence_sentence(one) for one in findings.goes_with],
         nothing="" if findings.events else nothing_sentence(findings),
@@ -130,10 +132,13 @@ def campaign_page(
     )
 
 
-def _about(fitted: Mapping[str, Sequence[Outcome]], failed: int, findings: Findings) -> str:
+def _about(fitted: Mapping[str, Sequence[Outcome]], without: Mapping[str, Outcome], findings: Findings) -> str:
     count = sum(len(each) for each in fitted.values())
     days = [one.when.day for each in fitted.values() for one in each if one.when is not None]
-    told = f"{count + failed} logs: {count} fitted, {failed} not"
+    seen = {one.path for each in (*fitted.values(), without.values()) for one in each}
+    copied = len(findings.copies.keys() - seen)
+    told = f"{count + copied + len(without)} logs: {count} fitted, {len(without)} not"
+    told += f", {copied} again a flight of another" if copied else ""
     vehicles = f"{len(fitted)} vehicles or configurations" if len(fitted) != 1 else ""
     dates = f"{day_words(min(days))} to {day_words(max(days))}" if days else ""
     return "; ".join(one for one in (told, vehicles, dates) if one)
@@ -172,6 +177,7 @@ def _vehicle(
                 anchor=f"g{place}-{len(parameters)}",
                 value=amount_in(unit, float(level.at[0]), float(level.covariance[0, 0] ** 0.5)),
                 between=amount_in(unit, level.between),
+                within_days="" if course.days.within is None else amount_in(unit, course.days.within),
                 within=amount_in(unit, float(np.median([one.error for each in course.days.flights for one in each]))),
                 days=len(course.days),
                 flights=sum(len(each) for each in course.days.flights),
@@ -195,7 +201,7 @@ def _listed(one: Outcome, group: str, folder: Path, findings: Findings) -> Liste
     usable = sum(run.usable for run in one.runs)
     return Listed(
         key=one.key,
-        name=_short(one.path),
+        name=short(one.path),
         href=_link(one.path, folder),
         group=group,
         day="" if one.when is None else one.when.utc[:10],
@@ -228,7 +234,7 @@ def _worst(
     return [
         (
             one.key,
-            names.get(one.key, _short(one.path)),
+            names.get(one.key, short(one.path)),
             f"{group}: NRMSE fit {least(one):.1f} %{_warning(one)}",
         )
         for one, group in ordered
@@ -245,16 +251,11 @@ def _failed(outcomes: Sequence[Outcome], folder: Path) -> list[Failed]:
         Failed(
             reason=why.reason,
             words=why.words.removeprefix(f"{why.logs[0]}: "),
-            files=tuple((_short(path), _link(path, folder)) for path in why.logs[:LISTED]),
+            files=tuple((short(path), _link(path, folder)) for path in why.logs[:LISTED]),
             count=len(why.logs),
         )
         for why in reasons(outcomes)
     ]
-
-
-def _short(path: str) -> str:
-    """The file with its folder, which may be all that tells flights apart."""
-    return "/".join(Path(path).parts[-2:])
 
 
 def _link(path: str, folder: Path) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from datetime import date
+from pathlib import Path
 
 from gcs.analysis.quantities import amount_in, listed
 from gcs.campaign.findings import Apart, Event, Findings, GoesWith, Size
@@ -12,6 +13,8 @@ from gcs.campaign.findings import Apart, Event, Findings, GoesWith, Size
 EPOCH = date(1970, 1, 1).toordinal()
 CONDITIONS: Mapping[str, tuple[str, str]] = {"omega": ("rotor speed", "rad/s"), "airspeed": ("airspeed", "m/s")}
 """Words and unit."""
+NAMED = 3
+"""Copies that are named."""
 
 
 def day_words(day: int) -> str:
@@ -76,11 +79,19 @@ def none_apart_sentence(found: Findings) -> str:
     return f"None: no day of {days} in {len(found.courses)} courses lies farther from the others than chance explains."
 
 
+def short(path: str) -> str:
+    """A file with its folder, which may be all that tells flights apart: many logs are called flight.BIN."""
+    return "/".join(Path(path).parts[-2:])
+
+
 def remarks(found: Findings) -> list[str]:
     """What limits the findings."""
     told = []
     if found.copies:
-        told.append(f"{_logs(len(found.copies))} of a flight that another log holds as well: counted once.")
+        each = [f"{short(one)} is {short(other)} again" for one, other in list(found.copies.items())[:NAMED]]
+        more = [f"{len(found.copies) - NAMED} more"] if len(found.copies) > NAMED else []
+        counted = f"{_logs(len(found.copies))} of a flight that another log holds as well, which counts once"
+        told.append(f"{counted}: {listed([*each, *more])}.")
     if found.undated:
         told.append(f"{_logs(len(found.undated))} without a date: in no course.")
     if found.dated_by_file:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,11 @@ import numpy as np
 from gcs.analysis.quantities import decimals
 from gcs.campaign.campaign import FORMAT, Campaign
 from gcs.campaign.estimates import estimates_of
+from gcs.campaign.findings import Findings
+from gcs.campaign.sentences import short
 from gcs.campaign.work import Outcome
 from gcs.logs.words import printable
-from sysid.campaign.spread import line
+from sysid.campaign.claims import Course
 from sysid.campaign.values import Estimate, by_day
 
 NAMED = 3
@@ -36,6 +38,8 @@ class Mean:
     """Standard error of the mean, by the flights' own errors and their spread."""
     between: float | None
     """Standard deviation between days beyond these errors; None of one day."""
+    within_days: float | None
+    """Standard deviation between flights of one day beyond these errors; None where no day has two."""
     flights: int
     days: int
 
@@ -66,8 +70,8 @@ def reasons(outcomes: Sequence[Outcome]) -> list[Why]:
     return sorted(each, key=lambda why: (-len(why.logs), why.reason, why.words))
 
 
-def means(flights: Sequence[Outcome]) -> dict[str, Mean]:
-    """Parameter -> its mean over flights that were fitted; flights of one day are brought together first."""
+def means(group: str, flights: Sequence[Outcome], courses: Mapping[tuple[str, str], Course]) -> dict[str, Mean]:
+    """Parameter -> its mean over a group's flights: the level of its course, or what one day says."""
     estimates: dict[str, list[Estimate]] = defaultdict(list)
     units: dict[str, str] = {}
     for one in flights:
@@ -78,20 +82,22 @@ def means(flights: Sequence[Outcome]) -> dict[str, Mean]:
             estimates[name].append(estimate)
     found = {}
     for name, each in estimates.items():
-        days = by_day(each)
-        level = line(np.ones((len(days), 1)), days.value, days.error) if len(days) > 1 else None
+        course = courses.get((group, name))
+        days = by_day(each) if course is None else course.days
+        level = None if course is None else course.level
         found[name] = Mean(
             value=float(days.value[0] if level is None else level.at[0]),
             unit=units[name],
             error=float(days.error[0] if level is None else level.covariance[0, 0] ** 0.5),
             between=None if level is None else level.between,
+            within_days=days.within,
             flights=len(each),
             days=len(days),
         )
     return found
 
 
-def document(campaign: Campaign, folder: Path) -> dict[str, Any]:
+def document(campaign: Campaign, findings: Findings, folder: Path) -> dict[str, Any]:
     """`tippath.campaign/1`; paths from the campaign's folder."""
 
     def at(path: str) -> str:
@@ -108,11 +114,11 @@ def document(campaign: Campaign, folder: Path) -> dict[str, Any]:
             {"reason": why.reason, "words": why.words, "count": len(why.logs), "logs": [at(one) for one in why.logs]}
             for why in reasons(campaign.outcomes)
         ],
-        "groups": [_group(name, flights, folder) for name, flights in campaign.groups.items()],
+        "groups": [_group(name, flights, findings, folder) for name, flights in campaign.groups.items()],
     }
 
 
-def _group(name: str, flights: Sequence[Outcome], folder: Path) -> dict[str, Any]:
+def _group(name: str, flights: Sequence[Outcome], findings: Findings, folder: Path) -> dict[str, Any]:
     return {
         "name": name,
         "structure": next((one.fit.structure for one in flights if one.fit is not None), None),
@@ -135,10 +141,11 @@ def _group(name: str, flights: Sequence[Outcome], folder: Path) -> dict[str, Any
                 "unit": mean.unit,
                 "standard_error": mean.error,
                 "between": mean.between,
+                "within_days": mean.within_days,
                 "flights": mean.flights,
                 "days": mean.days,
             }
-            for parameter, mean in means(flights).items()
+            for parameter, mean in means(name, flights, findings.courses).items()
         },
     }
 
@@ -150,29 +157,21 @@ def _from(folder: Path, path: str) -> str:
         return Path(path).as_posix()
 
 
-def text(campaign: Campaign) -> str:
+def text(campaign: Campaign, findings: Findings) -> str:
     """For people."""
     fitted = sum(one.fit is not None for one in campaign.outcomes)
     lines = [f"{len(campaign.outcomes)} logs: {fitted} fitted, {len(campaign.failed)} without a fit"]
-    if campaign.copies:
-        lines.append(f"{len(campaign.copies)} of them hold a flight that another holds too: each flight counts once")
-        lines += [f"   {_name(one)} is {_name(other)} again" for one, other in list(campaign.copies.items())[:NAMED]]
     for why in reasons(campaign.outcomes):
         words = printable(why.words.splitlines()[0] if why.words else "")
         lines += ["", f" {len(why.logs):4d}  {why.reason}: {words[:WORDS]}"]
         more = f" and {len(why.logs) - NAMED} more" if len(why.logs) > NAMED else ""
-        lines.append(f"       {', '.join(_name(one) for one in why.logs[:NAMED])}{more}")
+        lines.append(f"       {', '.join(printable(short(one)) for one in why.logs[:NAMED])}{more}")
     for name, flights in campaign.groups.items():
-        lines += ["", *_group_lines(name, flights)]
+        lines += ["", *_group_lines(name, flights, findings)]
     return "\n".join(lines)
 
 
-def _name(path: str) -> str:
-    """With its folder: many logs are called flight.BIN."""
-    return printable("/".join(Path(path).parts[-2:]))
-
-
-def _group_lines(name: str, flights: Sequence[Outcome]) -> list[str]:
+def _group_lines(name: str, flights: Sequence[Outcome], findings: Findings) -> list[str]:
     fits = [one.fit for one in flights if one.fit is not None]
     predicted = [one.predicted.nrmse_percent for one in flights if one.predicted is not None]
     lines = [
@@ -182,7 +181,7 @@ def _group_lines(name: str, flights: Sequence[Outcome]) -> list[str]:
         *_verdicts(flights),
         f"   {'':14} {'mean':>12} {'± error':>10}  {'between days':>12}  unit",
     ]
-    for parameter, mean in means(flights).items():
+    for parameter, mean in means(name, flights, findings.courses).items():
         between = "" if mean.between is None else f"{mean.between:.2g}"
         places = decimals(mean.error)
         lines.append(

@@ -102,6 +102,13 @@ class Number(documents.Open, frozen=True, kw_only=True):
     is for who reads a value, not for who compares flights."""
 
 
+class AtBound(documents.Open, frozen=True, kw_only=True):
+    """A parameter that a fit let go no farther: it has no error."""
+
+    value: float
+    unit: str
+
+
 class Numbers(documents.Open, frozen=True, kw_only=True):
     """A log's fit."""
 
@@ -112,6 +119,8 @@ class Numbers(documents.Open, frozen=True, kw_only=True):
     parameters: dict[str, Number]
     covariance: tuple[tuple[float, ...], ...]
     """Of these parameters, in their order."""
+    at_bound: dict[str, AtBound] = {}
+    """Parameters that ended at a bound, as a delay at 0."""
     nrmse_percent: dict[str, float]
     validation_nrmse_percent: dict[str, float] | None
     band_hz: tuple[float, float]
@@ -361,6 +370,11 @@ def _numbers(fit: Fit) -> Numbers:
         effects=tuple(effect.id for effect in structure.composed),
         parameters=parameters,
         covariance=tuple(tuple(float(v) for v in row) for row in fit.covariance[np.ix_(places, places)]),
+        at_bound={
+            one.name: AtBound(value=float(value), unit=one.unit)
+            for one, value in zip(structure.parameters, fit.model.values, strict=True)
+            if one.name in fit.at_bound
+        },
         nrmse_percent=dict(fit.nrmse_percent),
         validation_nrmse_percent=(None if fit.validation_nrmse_percent is None else dict(fit.validation_nrmse_percent)),
         band_hz=fit.band_hz,

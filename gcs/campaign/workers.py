@@ -23,7 +23,7 @@ import msgspec
 from gcs.campaign.identity import program
 from gcs.campaign.store import Store
 from gcs.campaign.work import Outcome, Predicted, Settings, key_of, predicted_on, prediction_key, worked_on
-from gcs.errors import LinkError, TippathError, to_install
+from gcs.errors import LinkError, TippathError
 
 TRIES = 2
 """Of a log whose workers died, each time until the scheduler gives it up."""
@@ -67,20 +67,53 @@ class Task:
     arguments: tuple[Any, ...]
 
 
+class Cluster:
+    """Who does the work: processes of our own, begun when there is some, or the cluster at an address.
+
+    The same from one call to the next, and another one where it went away.
+    """
+
+    def __init__(self, scheduler: str | None = None, workers: int | None = None) -> None:
+        """`workers`: processes of our own; None for as many as there are cores, or tasks."""
+        self._scheduler, self._workers = scheduler, workers
+        self._opened = contextlib.ExitStack()
+        self._client: Any = None
+        self._patience_s = FIRST_S
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def client(self, tasks: int, waiting: Callable[[str], None]) -> Any:
+        """Raises as `work_through`."""
+        if self._client is None:
+            workers = self._workers or min(tasks, os.cpu_count() or 1)
+            opening = _client(self._scheduler, workers, self._patience_s, waiting)
+            self._client = self._opened.enter_context(opening)
+            self._patience_s = AGAIN_S
+        return self._client
+
+    def close(self) -> None:
+        """Ends what is our own; whoever asks again gets another."""
+        self._client = None
+        self._opened.close()
+
+
 def work_through(
     paths: Sequence[Path],
     settings: Settings,
     store: Store,
+    cluster: Cluster,
     *,
-    scheduler: str | None = None,
-    workers: int | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     work: Work = worked_on,
 ) -> list[Outcome]:
     """The outcome of every log, in their order. What cannot even be read has one, too, with its reason.
 
-    Raises TippathError where Dask is not installed, or workers run another version of this program, LinkError where no
-    scheduler answers, OSError where the store's disk is full.
+    Raises TippathError where workers run another version of this program, LinkError where no scheduler answers, OSError
+    where the store's disk is full.
     """
     paths = [Path(os.path.abspath(path)) for path in paths]
     keys, unread = _keys(paths, settings, store)
@@ -109,7 +142,7 @@ def work_through(
 
     progress(0.0)
     try:
-        carry_out(open_, done, progress, scheduler=scheduler, workers=workers)
+        carry_out(open_, done, progress, cluster)
     finally:
         with contextlib.suppress(OSError):
             store.keep_index()
@@ -119,9 +152,8 @@ def work_through(
 def predict_through(
     pairs: Sequence[tuple[Outcome, Outcome]],
     store: Store,
+    cluster: Cluster,
     *,
-    scheduler: str | None = None,
-    workers: int | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> dict[str, Predicted]:
     """Of each flight, by another's model: path -> how well. Raises as `work_through`."""
@@ -154,7 +186,9 @@ def predict_through(
             store.keep(result)
         found[key] = result
 
-    carry_out(tasks, done, tick, scheduler=scheduler, workers=workers)
+    if pairs:
+        tick(0.0, "")
+    carry_out(tasks, done, tick, cluster)
     return {keys[key][0].path: one for key, one in found.items()}
 
 
@@ -184,9 +218,7 @@ def carry_out(
     tasks: Mapping[str, Task],
     done: Callable[[str, Any, str], None],
     tick: Callable[[float, str], None],
-    *,
-    scheduler: str | None,
-    workers: int | None,
+    cluster: Cluster,
 ) -> None:
     """Every task's result by its key, once each and as they come: `done(key, result, "")`, or None and why there is
     none. `tick(seconds, what nothing goes on without)` about once a second.
@@ -195,7 +227,6 @@ def carry_out(
     """
     open_, died = dict(tasks), Counter[str]()
     began = time.monotonic()
-    patience_s = FIRST_S
 
     def one_done(key: str, result: Any, words: str) -> None:
         done(key, result, words)
@@ -206,18 +237,16 @@ def carry_out(
         tick(time.monotonic() - began, what)
 
     while open_:
-        with _client(scheduler, workers or min(len(open_), os.cpu_count() or 1), patience_s, waiting) as client:
-            _hand_out(client, list(open_.items()), died, one_done, waiting)
-        patience_s = AGAIN_S
+        _hand_out(cluster.client(len(open_), waiting), list(open_.items()), died, one_done, waiting)
+        if open_:
+            cluster.close()
 
 
 @contextlib.contextmanager
 def _client(scheduler: str | None, workers: int, patience_s: float, waiting: Callable[[str], None]) -> Iterator[Any]:
     """A client of a cluster of our own, or of the one at an address."""
-    try:
-        import distributed
-    except ImportError as error:
-        raise TippathError(f"a campaign needs Dask, which is not installed: {to_install('distributed')}") from error
+    import distributed
+
     if scheduler is None:
         with _deaf_to_interrupts():
             started = distributed.LocalCluster(

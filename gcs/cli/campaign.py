@@ -53,9 +53,16 @@ dataset/ in the folder has Parquet tables, joined by "key" (pandas.read_parquet,
 campaign.json, and --json, is {"format": "tippath.campaign/1", "folder", "logs", "fitted", "version", "copies": {log:
 log}, "reasons": [{"reason", "words", "count", "logs"}], "groups": [{"name", "structure", "flights": [{"log", "key",
 "flown", "flown_told_by", "nrmse_percent", "predicted_nrmse_percent", "verdict", "effect"}], "parameters": {name:
-{"mean", "unit", "standard_error", "between", "flights", "days"}}}], "findings": a tippath.findings/1 document: what
-changed, when, and what goes with rotor speed or airspeed}. "between" is the standard deviation between days
-beyond the flights' own errors.
+{"mean", "unit", "standard_error", "between", "within_days", "flights", "days"}}}], "findings": a
+tippath.findings/1 document: what changed, when, and what goes with rotor speed or airspeed}. "between" is the standard
+deviation between days beyond the flights' own errors, "within_days" that between flights of one day (null where no day
+has two).
+
+A parameter of a flight is taken as a mean, plus what goes with rotor speed and airspeed where they differ and there are
+days enough (straight lines), plus a deviation of its day, plus one of the flight, plus the error that its fit states: a
+mixed model of which the days are the random effect. A step or a drift is counted among orders of the days; days that
+lie apart are told and left out of the mean. What a fit ended at its bound (a delay at 0) counts there, as well known as
+other flights know it; what all ended there has no course.
 """
 
 
@@ -84,7 +91,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.campaign.campaign import ABOUT, found_logs, refuse_strangers, run_campaign
+    from gcs.campaign.campaign import ABOUT, found_logs, refuse_strangers, refuse_without_extra, run_campaign
     from gcs.campaign.dataset import write_dataset
     from gcs.campaign.findings import found
     from gcs.campaign.page import write_page
@@ -95,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
     if args.workers is not None and (args.workers < 1 or args.scheduler is not None):
         raise UsageError("--workers wants a number of processes on this computer; a cluster has its own")
     settings = parse_settings(args, diagnose=args.diagnose)
+    refuse_without_extra()
     refuse_strangers(args.output)
     logs = found_logs(args.logs)
     given = _given(args)
@@ -112,15 +120,15 @@ def run(args: argparse.Namespace) -> int:
             bar.close()
             print(f"{bar.words}; the same command goes on from there", file=sys.stderr)
             raise
-    findings = found(campaign.groups)
-    made = document(campaign, args.output) | {"findings": findings.to_json()}
+    findings = found(campaign.groups, known_copies=campaign.copies)
+    made = document(campaign, findings, args.output) | {"findings": findings.to_json()}
     write_dataset(campaign.outcomes, campaign.groups, campaign.copies, args.output)
     write_page(findings, campaign.groups, campaign.failed, args.output / "campaign.html")
     write_json(made, args.output / ABOUT)
     if args.json:
         print_json(made)
     else:
-        print(text(campaign))
+        print(text(campaign, findings))
         print("\n" + "\n".join(textwrap.fill(printable(one), 78, subsequent_indent="  ") for one in told(findings)))
         print(f"\nkept in {args.output}: campaign.html, campaign.json, dataset/")
     return 0 if campaign.groups else 1
@@ -143,6 +151,7 @@ class CampaignBar:
         self._stream = stream or sys.stderr
         self._bar = Bar(self._stream)
         self._next = time.monotonic() + EVERY_S
+        self._begun: set[str] = set()
         self.words = "nothing is done yet"
 
     def __enter__(self) -> CampaignBar:
@@ -155,10 +164,17 @@ class CampaignBar:
         self.words = progress_words(progress)
         if self._stream.isatty():
             self._bar.draw(progress.done / max(1, progress.of), self.words)
-        elif time.monotonic() >= self._next:
+            return
+        if progress.kept and progress.what not in self._begun:
+            self._write(f"{progress.kept} of {progress.of} {progress.what} were done before")
+        self._begun.add(progress.what)
+        if time.monotonic() >= self._next:
             self._next = time.monotonic() + EVERY_S
-            self._stream.write(f" {self.words}\n")
-            self._stream.flush()
+            self._write(self.words)
+
+    def _write(self, words: str) -> None:
+        self._stream.write(f" {words}\n")
+        self._stream.flush()
 
     def close(self) -> None:
         """Leave an empty line."""

@@ -41,6 +41,8 @@ class Days:
     """(n,) standard error of the day's mean, by its flights' own errors and their spread within days."""
     flights: tuple[tuple[Estimate, ...], ...]
     """(n,) those of each day."""
+    within: float | None
+    """Standard deviation between flights of one day, beyond their own errors; None where no day has two."""
     conditions: Mapping[str, FloatArray] = field(default_factory=dict)
     """(n,) each, less their mean: those that all flights tell, and that differ between days."""
 
@@ -57,10 +59,16 @@ def by_day(estimates: Sequence[Estimate]) -> Days:
     ordered = sorted(estimates, key=lambda one: (one.day, one.flight))
     days = np.array(sorted({one.day for one in ordered}))
     each = tuple(tuple(one for one in ordered if one.day == day) for day in days)
-    within = _variance_within(each)
+    seen = _variance_within(each)
+    within = seen or 0.0
     values, errors = zip(*(_mean(flights, within) for flights in each), strict=True)
     return Days(
-        day=days, value=np.array(values), error=np.array(errors), flights=each, conditions=_conditions(each, within)
+        day=days,
+        value=np.array(values),
+        error=np.array(errors),
+        flights=each,
+        within=None if seen is None else seen**0.5,
+        conditions=_conditions(each, within),
     )
 
 
@@ -84,8 +92,9 @@ def _conditions(days: Sequence[Sequence[Estimate]], within: float) -> dict[str, 
     return found
 
 
-def _variance_within(days: Sequence[Sequence[Estimate]]) -> float:
-    """By how much flights of one day differ beyond their errors: squared unit, of all days together (moments)."""
+def _variance_within(days: Sequence[Sequence[Estimate]]) -> float | None:
+    """By how much flights of one day differ beyond their errors: squared unit, of all days together (moments); None
+    where no day has two."""
     excess, freedom = 0.0, 0.0
     for flights in days:
         if len(flights) > 1:
@@ -94,4 +103,4 @@ def _variance_within(days: Sequence[Sequence[Estimate]]) -> float:
             weight = error**-2 / np.sum(error**-2)
             excess += float(weight @ (value - weight @ value) ** 2 - weight @ error**2 * (1 - weight @ weight))
             freedom += float(1 - weight @ weight)
-    return max(0.0, excess / freedom) if freedom > 0 else 0.0
+    return max(0.0, excess / freedom) if freedom > 0 else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import time
 from collections.abc import Callable
@@ -11,14 +12,15 @@ import pytest
 from flying import TWO_CHIRPS, flown
 
 from gcs.campaign.store import Store
-from gcs.campaign.work import Settings
-from gcs.campaign.workers import Progress, Task, carry_out, work_through
+from gcs.campaign.work import Settings, worked_on
+from gcs.campaign.workers import Cluster, Progress, Task, carry_out, work_through
 
 COUNTS = tuple(int(word) for word in os.environ.get("CAMPAIGN_LOGS", "10,100,1000").split(","))
 """How many; the last takes minutes."""
 FLAT = 1.15
 """A log among the most costs at most so much of one among the fewest."""
 SECOND_CORE = 1.7
+MEMORY_LOGS, FLAT_MEMORY = 100, 1.05
 OVERHEAD = 0.10
 TASKS, TASK_S = 20, 1.0
 UNEQUAL = 64
@@ -53,7 +55,8 @@ class Clock:
 def timed(folder: Path, count: int, workers: int, make: Callable[[Path, int], list[Path]] = many) -> Clock:
     paths = make(folder / "logs", count)
     clock = Clock()
-    outcomes = work_through(paths, Settings(), Store(folder / "out"), workers=workers, on_progress=clock)
+    with Cluster(workers=workers) as cluster:
+        outcomes = work_through(paths, Settings(), Store(folder / "out"), cluster, on_progress=clock)
     assert all(one.fit is not None for one in outcomes)
     return clock
 
@@ -75,6 +78,24 @@ def bench_cost_of_a_log(tmp_path: Path) -> None:
     assert each[COUNTS[-1]] < FLAT * each[COUNTS[0]]
 
 
+def bench_memory_of_a_worker(tmp_path: Path) -> None:
+    """The most that a process ever held, log after log."""
+    paths = many(tmp_path / "logs", MEMORY_LOGS)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        most = pool.map(most_held_mb, paths, chunksize=1)
+    first = most[MEMORY_LOGS // 10 - 1]
+    print(f"\n{first:.0f} MB after {MEMORY_LOGS // 10} logs, {most[-1]:.0f} MB after {MEMORY_LOGS}")
+    assert most[-1] < FLAT_MEMORY * first
+
+
+def most_held_mb(path: Path) -> float:
+    """After a log more."""
+    import resource  # POSIX
+
+    assert worked_on(path, Settings()).fit is not None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core")
 def bench_second_core(tmp_path: Path) -> None:
     """Logs a second on two cores over one."""
@@ -91,13 +112,13 @@ def bench_scheduler(tmp_path: Path) -> None:
     ends: list[float] = []
     tasks = {str(number): Task(tmp_path, time.sleep, (TASK_S,)) for number in range(TASKS)}
     began = time.monotonic()
-    carry_out(
-        tasks,
-        lambda key, result, words: ends.append(time.monotonic()),
-        lambda seconds, waiting: None,
-        scheduler=None,
-        workers=1,
-    )
+    with Cluster(workers=1) as cluster:
+        carry_out(
+            tasks,
+            lambda key, result, words: ends.append(time.monotonic()),
+            lambda seconds, waiting: None,
+            cluster,
+        )
     over = (ends[-1] - ends[0]) / (TASKS - 1) / TASK_S - 1
     print(f"\n{100 * over:.1f} % over tasks of {TASK_S:g} s; {ends[0] - began - TASK_S:.1f} s to start")
     assert over < OVERHEAD

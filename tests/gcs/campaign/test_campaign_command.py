@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from flying import TWO_CHIRPS, flown
@@ -28,8 +32,17 @@ def test_a_campaign_is_worked_on_once(tippath: Tippath, tmp_path: Path, monkeypa
     (logs / "cut.BIN").write_bytes(first[: len(first) * 3 // 4])
     (logs / "damaged.BIN").write_bytes(b"no log at all" * 100)
     folder = tmp_path / "out"
+    began: list[object] = []
+    client = workers._client
+
+    def counted(*given: Any) -> Any:
+        began.append(given)
+        return client(*given)
+
+    monkeypatch.setattr(workers, "_client", counted)
     status, out, err = tippath("campaign", logs, "-o", folder, "--workers", 1, "--json")
     assert status == 0, err
+    assert len(began) == 1, "predictions are made by those who made the fits"
     made = json.loads(out)
     assert made["format"] == "tippath.campaign/1"
     assert made["copies"] == {"../logs/cut.BIN": "../logs/2026-05-05.BIN"}
@@ -42,10 +55,41 @@ def test_a_campaign_is_worked_on_once(tippath: Tippath, tmp_path: Path, monkeypa
     assert len(kept) == 4 + 2
 
     monkeypatch.setattr(workers, "_client", nobody)
-    status, out, _ = tippath("campaign", logs, "-o", folder, "--json")
+    status, out, err = tippath("campaign", logs, "-o", folder, "--json")
     assert status == 0
+    assert err.splitlines() == [" 4 of 4 logs were done before", " 2 of 2 predictions were done before"]
     assert json.loads(out) == made
     assert {path: path.stat().st_mtime_ns for path in folder.glob("*/*.json")} == kept
+
+
+def dies_once(mark: Path, number: int) -> int:
+    """Takes its worker with it the first time."""
+    if number == 2 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_a_killed_worker_s_task_is_done_by_the_next(tmp_path: Path) -> None:
+    done: list[Any] = []
+    tasks = {str(n): workers.Task(tmp_path, dies_once, (tmp_path / "mark", n)) for n in range(4)}
+    with workers.Cluster(workers=1) as cluster:
+        workers.carry_out(tasks, lambda *result: done.append(result), lambda seconds, waiting: None, cluster)
+    assert sorted(done) == [(str(n), n, "") for n in range(4)]
+    assert (tmp_path / "mark").exists()
+
+
+def test_what_is_missing_is_told_before_anything_is_done(
+    tippath: Tippath, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("distributed", "pyarrow"):
+        monkeypatch.setitem(sys.modules, name, None)
+    status, _, err = tippath("campaign", tmp_path / "x.BIN", "-o", tmp_path / "out")
+    assert status == 1
+    assert err.startswith("tippath campaign: a campaign needs distributed and pyarrow, which are not installed: ")
+    assert err.strip().endswith("-m pip install distributed pyarrow")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(tippath: Tippath, tmp_path: Path) -> None:

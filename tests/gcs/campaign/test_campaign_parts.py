@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+from flying import TWO_CHIRPS, flown
 
 from gcs import documents
 from gcs.campaign.dataset import TABLES, write_dataset
+from gcs.campaign.findings import found
 from gcs.campaign.given import Given, load
 from gcs.campaign.groups import copies, grouped, placed
 from gcs.campaign.identity import sketch
 from gcs.campaign.summary import means, reasons
-from gcs.campaign.work import Flown, Number, Numbers, Outcome, Reason, Settings
+from gcs.campaign.work import Flown, Number, Numbers, Outcome, Reason, Settings, worked_on
 
 RUN = Flown(
     id="x#1",
@@ -153,10 +155,24 @@ def test_the_tables_are_read_back_as_they_were_written(tmp_path: Path) -> None:
     assert tables["verdicts"] == []
 
 
+@pytest.mark.usefixtures("few_effects")
+def test_what_a_fit_lacks_stands_in_the_table_of_verdicts(tmp_path: Path) -> None:
+    log = tmp_path / "2026-05-05.BIN"
+    log.write_bytes(flown("hover-ideal", TWO_CHIRPS))
+    one = worked_on(log, Settings(diagnose=True))
+    assert one.fit is not None
+    assert one.verdict is not None
+    write_dataset([one], {"A": (one,)}, {}, tmp_path)
+    (row,) = pyarrow.parquet.read_table(tmp_path / "dataset" / "verdicts.parquet").to_pylist()
+    assert (row["group"], row["verdict"], row["effect"]) == ("A", "complete", None)
+    assert one.key != worked_on(log, Settings()).key, "asked without, it is another outcome"
+
+
 def test_the_mean_of_a_group_has_its_error_and_the_spread_between_days() -> None:
     given = Given()
     logs = placed([outcome(f"2026-05-{day:02}.BIN", value=150 + 10 * (-1) ** day) for day in range(1, 11)], given)
-    mean = means(logs)["L_b"]
+    mean = means("A", logs, found({"A": logs}).courses)["L_b"]
     assert mean.value == pytest.approx(150)
     assert mean.between == pytest.approx(np.std([10, -10] * 5, ddof=1), rel=0.02)
     assert (mean.flights, mean.days) == (10, 10)
+    assert mean.within_days is None

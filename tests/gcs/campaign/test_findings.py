@@ -13,7 +13,7 @@ from campaign_flights import BEGIN, STEP_DAY, outcomes
 from gcs.campaign.findings import Findings, found
 from gcs.campaign.page import campaign_page, write_page
 from gcs.campaign.sentences import apart_sentence, dependence_sentence, event_sentence, nothing_sentence, remarks
-from gcs.campaign.work import Outcome
+from gcs.campaign.work import AtBound, Outcome
 
 DAY = int(BEGIN.timestamp() // 86400) + STEP_DAY
 HOSTILE = "</td><script>alert(1)</script>\" onload='x' {{ 7*7 }} & 日本"
@@ -32,6 +32,39 @@ def test_a_step_and_a_drift_are_named_dated_and_sized_each_in_its_vehicle() -> N
     assert "flights since" in words
     assert "more T_d (delay of the commands)" in words
     assert "falls by" in event_sentence(drift)
+
+
+def test_a_delay_that_was_none_is_seen_to_come_though_fits_ended_at_its_bound() -> None:
+    flights = outcomes(step={"T_d": 0.010}, zero="T_d", correlation=0.0, spread=0.0)
+    assert sum("T_d" in one.fit.at_bound for one in flights if one.fit is not None) >= 5
+    (event,) = found({"A": flights}).events
+    assert (event.kind, event.named, event.sizes[0].parameter) == ("step", "one", "T_d")
+    assert event.days[0] < DAY <= event.days[1]
+    assert abs(event.sizes[0].size - 0.010) < 4 * event.sizes[0].error
+    before = [one for one in flights if one.when is not None and one.when.day < DAY]
+    all_at_bound = [_ended(one, "T_d") for one in before] + list(flights[len(before) :])
+    (event,) = found({"A": all_at_bound}).events
+    assert (event.named, event.sizes[0].parameter) == ("one", "T_d")
+    assert found({"A": [_ended(one, "T_d") for one in flights]}).claims == 0
+
+
+def _ended(one: Outcome, name: str) -> Outcome:
+    """With a parameter at its bound."""
+    assert one.fit is not None
+    places = [place for place, other in enumerate(one.fit.parameters) if other != name]
+    fit = msgspec.structs.replace(
+        one.fit,
+        parameters={other: number for other, number in one.fit.parameters.items() if other != name},
+        covariance=tuple(tuple(one.fit.covariance[i][j] for j in places) for i in places),
+        at_bound={name: AtBound(value=0.0, unit="s")},
+    )
+    return msgspec.structs.replace(one, fit=fit)
+
+
+@pytest.mark.thorough
+def test_values_at_a_bound_make_no_claims_where_nothing_changed() -> None:
+    groups = [{v: outcomes(seed=2 * k + n, vehicle=v, zero="T_d") for n, v in enumerate("AB")} for k in range(100)]
+    assert sum(found(each, seed).claims > 0 for seed, each in enumerate(groups)) <= 5
 
 
 def test_what_the_fits_cannot_tell_apart_is_named_as_a_class() -> None:

@@ -97,6 +97,26 @@ def test_the_spread_between_days_is_told_from_the_errors_within() -> None:
     assert line(np.ones((len(alone), 1)), alone.value, alone.error).between < 0.5
 
 
+def test_the_spread_between_flights_of_a_day_is_told_from_both() -> None:
+    """Days differ by 2, flights of one day by 1 beyond their errors of 0.5."""
+    within, between = [], []
+    for seed in range(40):
+        chance = np.random.default_rng(seed)
+        days = by_day(
+            [
+                Estimate(
+                    flight=f"{day} {n}", day=day, value=float(at + chance.normal(0, np.hypot(1.0, 0.5))), error=0.5
+                )
+                for day, at in enumerate(chance.normal(100, 2, 20))
+                for n in range(3)
+            ]
+        )
+        within.append(days.within)
+        between.append(line(np.ones((len(days), 1)), days.value, days.error).between)
+    assert np.median(within) == pytest.approx(1.0, rel=0.1)
+    assert np.median(between) == pytest.approx(2.0, rel=0.12)
+
+
 def test_a_campaign_without_changes_claims_nothing_and_with_them_the_right_ones() -> None:
     def campaign(seed: int, planted: Sequence[tuple[str, str]]) -> dict[tuple[str, str], bool]:
         chance = np.random.default_rng(seed)
