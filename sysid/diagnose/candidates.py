@@ -154,7 +154,11 @@ class Reference:
     simple: Callable[[Candidate], Selection]
     """The simple terms beside a candidate,"""
     mode: Callable[[Candidate], SlowMode | None]
-    """and the slow mode; each is asked once."""
+    """and the slow mode;"""
+    left: Callable[[OutputError], Division]
+    """what is left of the validation runs, divided; each is asked once."""
+    error: OutputError | None
+    """The parent's on the validation runs."""
 
 
 def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:

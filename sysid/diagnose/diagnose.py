@@ -33,15 +33,19 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
+from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.refits import refit_serious
+from sysid.diagnose.shares import divided
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, held, telling
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
 from sysid.fit.innovations import Innovations
+from sysid.fit.noise import Division
+from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening
 from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
@@ -187,6 +191,11 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
         asked = one.asked_in(whitening)
         return slow_mode(asked, instrumental_step(asked, whitening), whitening)
 
+    @cache
+    def left(error: OutputError) -> Division:
+        assert validation is not None
+        return divided(error, validation)
+
     return Reference(
         parent=parent,
         stepped=instrumental_step(parent.asked_in(whitening), whitening),
@@ -195,4 +204,6 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
         validation=validation,
         simple=simple,
         mode=mode,
+        left=left,
+        error=None if validation is None else validation_error(parent.model, validation),
     )

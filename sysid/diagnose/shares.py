@@ -12,7 +12,6 @@ from sysid.data.dataset import Dataset
 from sysid.data.stacks import Stack
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
 from sysid.diagnose.evidence import Candidate, error_share
-from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.likely import misfit
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.slow_modes import SlowMode
@@ -90,7 +89,7 @@ class Shares:
             noise_floor_percent=floor,
             terms=terms,
             mode=mode,
-            validation=None if on is None else _Validation.of(parent, fits, on),
+            validation=None if on is None else _Validation.of(fits, on, reference),
             new_share=_new_share(candidates, reference),
             most_explained=max((one.chi_squared for one in fits), default=0.0),
             most_paid=max([_paid_with(terms, mode, likeliest, parent), *(-one.delta_bic for one in fits)]),
@@ -182,14 +181,14 @@ class _Validation:
     stacks: tuple[Stack, ...]
 
     @classmethod
-    def of(cls, parent: Candidate, fits: Sequence[Ranked], on: Dataset) -> _Validation:
+    def of(cls, fits: Sequence[Ranked], on: Dataset, reference: Reference) -> _Validation:
         """The noise is what the excitation does not explain of the least that anything leaves of these very runs: the
         air was another when they were flown."""
-        error = validation_error(parent.model, on)
-        outputs = parent.model.structure.outputs
-        before, window_hz = error_share(error), _window_hz(on)
+        error = reference.error
+        assert error is not None
+        outputs, before = reference.parent.model.structure.outputs, error_share(error)
         left = [one.validation_error for one in fits if one.validation_error is not None]
-        divisions = [(each, divide(each, on.stacks, on.causes, window_hz)) for each in (error, *left)]
+        divisions = [(each, reference.left(each)) for each in (error, *left)]
         noise, least, division = min(
             ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
             key=lambda one: one[0],
@@ -277,6 +276,11 @@ def _left_by_chance(fit: Candidate) -> float:
 def _shares(error: OutputError) -> FloatArray:
     """Residual over measured power by output."""
     return np.asarray(error.residual_power / error.measured_power)
+
+
+def divided(error: OutputError, on: Dataset) -> Division:
+    """What is left of validation runs, divided."""
+    return divide(error, on.stacks, on.causes, _window_hz(on))
 
 
 def _window_hz(on: Dataset) -> float:

@@ -17,12 +17,14 @@ from sysid.diagnose.confidence import (
     IN_A_LOOP_RIGHT,
     NAMED_IN_A_LOOP,
     lead,
+    of_chain,
     of_complete,
     of_named,
     of_unexplained,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
+from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares
 from sysid.diagnose.size_check import Size, sizes
@@ -250,7 +252,7 @@ def _answer(
     singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: Shares, reference: Reference, chance: float
 ) -> _Answer:
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
-    winner = choice.winner(singles, pairs)
+    winner = _winner(singles, pairs, reference)
     if winner is None or winner.fit is None:
         sure = _of_unexplained(None, chance, 0.0, reference)
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
@@ -264,6 +266,8 @@ def _answer(
     confidence = of_named(ratio, shares.short(winner), among)
     doubtful = len(chain) > 1 and confidence < CHAIN_NAMED
     missing = missing and not doubtful and not _made_by_the_loop(winner, confidence, shares, reference, chance)
+    if len(chain) > 1:
+        confidence = of_chain(ratio, shares.short(winner), among)
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)
     if not winner.fit.model.stable:
@@ -281,6 +285,15 @@ def _answer(
         outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
+
+
+def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Ranked | None:
+    """The likeliest; of the single effects alone, where the likeliest chain only stands in for something else."""
+    winner = choice.winner(singles, pairs)
+    if winner is None or len(winner.effects) == 1:
+        return winner
+    only_stands_in = cancel_each_other(winner, reference.parent, reference.whitening)
+    return choice.winner(singles, ()) if only_stands_in else winner
 
 
 def _hold(sizes: Sequence[Size]) -> bool:
