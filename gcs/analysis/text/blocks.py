@@ -6,6 +6,7 @@ offers at the end of a sentence (an option in a shell, a key in the app) is put 
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -100,13 +101,14 @@ def wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
 
 
 def command(words: str, lead: str = "next: ") -> list[str]:
-    """What to type next; on several lines in a way that a shell takes."""
+    """What to type next; on several lines in a way that a shell takes: a quoted word stays on one."""
+    whole_words = re.sub("'[^']*'", lambda quoted: quoted[0].replace(" ", "\N{NO-BREAK SPACE}"), words)
     *lines, last = textwrap.wrap(
-        f"{lead}{words}",
+        f"{lead}{whole_words}",
         WIDTH - 2,
         initial_indent=" ",
         subsequent_indent="   ",
         break_long_words=False,
         break_on_hyphens=False,
     )
-    return [*(f"{line} \\" for line in lines), last]
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in (*(f"{line} \\" for line in lines), last)]

@@ -15,7 +15,7 @@ from msgspec import structs
 
 from gcs.analysis.answer import answer_of
 from gcs.analysis.candidates import ranked
-from gcs.analysis.diagnosis import Slight, remarks_on
+from gcs.analysis.diagnosis import Slight, _slight, remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
 from gcs.analysis.text.maneuvers import maneuver_text, proposal_text
 from gcs.analysis.text.matters import slight_sentence
@@ -137,7 +137,10 @@ def test_a_shell_is_told_the_option() -> None:
 def test_what_was_flown_and_only_judges_is_to_be_fitted_and_not_flown_again() -> None:
     runs = FitRuns(("flight.BIN#5", "flight.BIN#6"), "doublet", "roll")
     diagnosis = unexplained(NextManeuver(runs, ("servo_lag", "gyro_lag"), WHY, 4.0, None))
-    flown = [SimpleNamespace(id=f"flight.BIN#{number}", path="flights/flight.BIN") for number in (1, 5, 6, 7)]
+    flown = [
+        SimpleNamespace(id=f"flight.BIN#{number}", path="my own flights of this summer/flight.BIN")
+        for number in (1, 5, 6, 7)
+    ]
     diagnosis.runs.records, diagnosis.last.validation = flown[:1], SimpleNamespace(records=flown[1:])
     use = "use flight.BIN#5, #6 in the fit too: they were flown already (roll doublet), and only judge so far"
     words = shown(diagnosis)
@@ -145,8 +148,15 @@ def test_what_was_flown_and_only_judges_is_to_be_fitted_and_not_flown_again() ->
     assert "tippath" not in words
     shell = diagnosis_text(diagnosis, "FIT.json")
     asked = shlex.split(shell[shell.index("or: ") + 4 : shell.index("in full")].replace("\\\n", ""))
-    named = [f"flights/flight.BIN#{number}" for number in (1, 5, 6)]
-    assert asked == ["tippath", "diagnose", "FIT.json", *named, "--validate", "flights/flight.BIN#7"]
+    named = [f"my own flights of this summer/flight.BIN#{number}" for number in (1, 5, 6)]
+    assert asked == [
+        "tippath",
+        "diagnose",
+        "FIT.json",
+        *named,
+        "--validate",
+        "my own flights of this summer/flight.BIN#7",
+    ]
 
 
 def test_it_is_said_where_a_maneuver_was_flown_already() -> None:
@@ -193,3 +203,14 @@ def test_what_gains_little_fit_is_said_to_matter_or_hardly(change: MarginChange 
     words = slight_sentence(Slight(0.23, change, Limit()))
     assert words.startswith("it gains 0.2 points of fit only")
     assert words.endswith(said)
+
+
+def test_what_gains_much_fit_needs_no_word_on_whether_it_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs.analysis.diagnosis.winner_change", lambda answer: None)
+    fit = SimpleNamespace(nrmse_percent={"p": 98.0, "q": 99.0})
+    asked: Any = SimpleNamespace(verdict="missing", winner=SimpleNamespace(fit=fit), parent=fit)
+    assert _slight(asked, Limit()) == Slight(0.0, None, Limit())
+    asked.parent = SimpleNamespace(nrmse_percent={"p": 90.0, "q": 99.0})
+    assert _slight(asked, Limit()) is None
+    asked.verdict, asked.parent = "unexplained", fit
+    assert _slight(asked, Limit()) is None
