@@ -11,13 +11,16 @@ from gcs.cli.options import (
     add_airframe_option,
     add_effects_option,
     add_output_options,
+    add_plot_option,
     add_reading_options,
     parse_airframe,
     parse_reading,
     parse_words,
     print_json,
     refuse_existing,
+    refuse_plot,
     write_json,
+    write_plot,
 )
 
 _EPILOG = """\
@@ -48,7 +51,7 @@ def add_parser(subparsers: Any) -> None:
     add_effects_option(parser, "paths of your own files that the fit uses already, base or effects (their code runs)")
     add_reading_options(parser)
     add_airframe_option(parser)
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the ladder: .png, .svg, or .html")
+    add_plot_option(parser, "draw the ladder")
     add_output_options(parser, "FIT2.json")
     parser.set_defaults(run=run)
 
@@ -59,7 +62,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.ladder import rungs_of
     from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.ladder import ladder_picture
-    from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.rungs import load_fit
     from gcs.analysis.text.addition import addition_document, addition_text
     from gcs.cli.asking import AskingLine
@@ -68,10 +70,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.errors import UsageError
 
     band, window, profile = parse_reading(args)
-    if args.plot is not None:
-        picture_kind(args.plot)
-    for path in (args.plot, args.output):
-        refuse_existing(path, args.force)
+    refuse_plot(args.plot, args.force)
+    refuse_existing(args.output, args.force)
     if args.plot is not None and args.output is not None and args.plot.resolve() == args.output.resolve():
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
@@ -86,11 +86,9 @@ def run(args: argparse.Namespace) -> int:
     with AskingLine() as say:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
     text = addition_text(found, str(args.fit), None if args.output is None else str(args.output))
-    if args.plot is not None:
-        rungs = rungs_of(found.after.model.structure.base_, found.after.lineage)
-        picture = ladder_picture(rungs, found.noise_floor_percent, placebo=found.placebo_rung)
-        write_picture(args.plot, picture, f"tippath add: {args.effect}", text)
-        print(f"wrote {args.plot}", file=sys.stderr)
+    rungs = rungs_of(found.after.model.structure.base_, found.after.lineage)
+    floor, placebo = found.noise_floor_percent, found.placebo_rung
+    write_plot(args.plot, lambda: ladder_picture(rungs, floor, placebo=placebo), f"tippath add: {args.effect}", text)
     document = addition_document(found, args.output.parent if args.output else Path.cwd())
     if args.output:
         write_json(document, args.output)

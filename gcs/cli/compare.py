@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 from gcs.cli.options import (
     NAMED,
     add_effects_option,
+    add_plot_option,
     add_reading_options,
     parse_reading,
     parse_words,
     print_json,
-    refuse_existing,
+    refuse_plot,
+    write_plot,
 )
 
 _FORMAT_HELP = """\
@@ -45,7 +46,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("runs", nargs="*", metavar="RUN")
     add_effects_option(parser, NAMED)
     add_reading_options(parser)
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
+    add_plot_option(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.set_defaults(run=run)
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
     from gcs.analysis.comparison import flown
     from gcs.analysis.notes import note_lines
-    from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
+    from gcs.analysis.pages.pictures import compare_picture
     from gcs.analysis.rungs import load_fit
     from gcs.analysis.text.comparison import compare_text
     from gcs.analysis.text.documents import comparison_document
@@ -65,9 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from sysid.compare.compare import compare
 
     band, window, profile = parse_reading(args)
-    if args.plot is not None:
-        picture_kind(args.plot)
-    refuse_existing(args.plot, args.force)
+    refuse_plot(args.plot, args.force)
     fit = load_fit(args.fit, parse_words(args.effects))
     if band is not None:
         fit = replace(fit, band_hz=band)
@@ -76,9 +75,7 @@ def run(args: argparse.Namespace) -> int:
     found = compare(fit.model, records, fit.band_hz, quiet, own_runs=not args.runs)
     doubts = doubted(records)
     text = with_warnings(compare_text(found, fit), doubts)
-    if args.plot is not None:
-        write_picture(args.plot, compare_picture(found), f"tippath compare: {args.fit.name}", text)
-        print(f"wrote {args.plot}", file=sys.stderr)
+    write_plot(args.plot, lambda: compare_picture(found), f"tippath compare: {args.fit.name}", text)
     if args.json:
         print_json(comparison_document(found, doubts))
     else:

@@ -12,10 +12,13 @@ from gcs.cli.options import (
     NAMED,
     add_effects_option,
     add_output_options,
+    add_plot_option,
     parse_words,
     print_json,
     refuse_existing,
+    refuse_plot,
     write_json,
+    write_plot,
     write_text,
 )
 
@@ -139,7 +142,7 @@ def _add_controller_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="K and margins over input costs from 1 to 100, on every model that is left open",
     )
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw what --costs lists: .png, .svg, or .html")
+    add_plot_option(parser, "draw what --costs lists")
     parser.add_argument(
         "--observer",
         metavar="POLES|kalman",
@@ -199,7 +202,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _refuse_wrong_usage(args: argparse.Namespace) -> None:
     """Raises UsageError."""
-    from gcs.analysis.pages.pictures import picture_kind
     from gcs.errors import UsageError
 
     refuse_existing(args.script, args.force)
@@ -211,12 +213,10 @@ def _refuse_wrong_usage(args: argparse.Namespace) -> None:
         raise UsageError("--flapping-cost: wants a number, not negative; the paper's is 0.001")
     if args.measured and args.elevator:
         raise UsageError("--measured knows a loop of two commands: leave it out, or --elevator")
-    if args.plot is not None:
-        if not args.costs:
-            raise UsageError("--plot draws what --costs lists: name both")
-        picture_kind(args.plot)
-    for path in (args.output, args.plot):
-        refuse_existing(path, args.force)
+    if args.plot is not None and not args.costs:
+        raise UsageError("--plot draws what --costs lists: name both")
+    refuse_plot(args.plot, args.force)
+    refuse_existing(args.output, args.force)
 
 
 def _asked(args: argparse.Namespace) -> AskedDesign:
@@ -257,6 +257,7 @@ def _tables(
 ) -> tuple[dict[str, Any], str]:
     """What --observers and --costs ask for: for the document, and as text; --plot is written."""
     from gcs.analysis.lqr import at_costs
+    from gcs.analysis.pages.costs import costs_picture
     from gcs.analysis.text.clearance import costs_text, observers_text
     from sysid.control.observers import over_observers
     from sysid.control.over_costs import over_costs
@@ -275,13 +276,8 @@ def _tables(
         )
         document["over_costs"] = [one.to_json() for one in costs]
         texts.append(costs_text(costs, args.input_cost))
-        if args.plot is not None:
-            from gcs.analysis.pages.costs import costs_picture
-            from gcs.analysis.pages.pictures import write_picture
-
-            picture = costs_picture(costs, args.input_cost, limits)
-            write_picture(args.plot, picture, f"tippath design --costs: {args.fit.name}", texts[-1])
-            print(f"wrote {args.plot}", file=sys.stderr)
+        title = f"tippath design --costs: {args.fit.name}"
+        write_plot(args.plot, lambda: costs_picture(costs, args.input_cost, limits), title, texts[-1])
     return document, "\n".join(texts)
 
 

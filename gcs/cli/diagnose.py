@@ -12,13 +12,16 @@ from gcs.cli.options import (
     add_airframe_option,
     add_effects_option,
     add_output_options,
+    add_plot_option,
     add_reading_options,
     parse_airframe,
     parse_reading,
     parse_words,
     print_json,
     refuse_existing,
+    refuse_plot,
     write_json,
+    write_plot,
     write_text,
 )
 
@@ -120,7 +123,7 @@ def add_parser(subparsers: Any) -> None:
     )
     add_reading_options(parser)
     add_airframe_option(parser)
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
+    add_plot_option(parser)
     add_output_options(parser, "FIT2.json")
     parser.set_defaults(run=run)
 
@@ -129,7 +132,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.comparison import flown_with_validation
     from gcs.analysis.diagnosis import diagnose_fit
     from gcs.analysis.notes import note_lines
-    from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.rungs import load_fit
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
@@ -141,8 +143,7 @@ def run(args: argparse.Namespace) -> int:
     from sysid.model.effect import load
 
     band, window, profile = parse_reading(args)
-    if args.plot is not None:
-        picture_kind(args.plot)
+    refuse_plot(args.plot, args.force)
     if args.suggest is not None and args.suggest.suffix != ".py":
         raise UsageError(f"--suggest {args.suggest}: an effect's file ends in .py")
     targets = [path for path in (args.plot, args.output, args.suggest, args.card) if path is not None]
@@ -230,16 +231,13 @@ def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
 def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: str) -> None:
     """The files asked for, or why there is nothing to write in them."""
     from gcs.analysis.pages.diagnosis import drawn
-    from gcs.analysis.pages.pictures import write_picture
     from gcs.vehicle.sweeps import flies_cards
     from sysid.diagnose.proposals import FitRuns
 
     def said(path: Path, missing: str | None = None) -> None:
         print(f"wrote {path}" if missing is None else f"{path} not written: {missing}", file=sys.stderr)
 
-    if args.plot is not None:
-        write_picture(args.plot, drawn(found), f"tippath diagnose: {args.fit.name}", text)
-        said(args.plot)
+    write_plot(args.plot, lambda: drawn(found), f"tippath diagnose: {args.fit.name}", text)
     if args.output is not None:
         if document is not None:
             write_json(document, args.output)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs.cli.options import print_json, refuse_existing
+from gcs.cli.options import add_plot_option, print_json, refuse_plot, write_plot
 from gcs.errors import TippathError, UsageError
 from sysid.data.airframe import Airframe
 
@@ -52,7 +52,7 @@ def add_parser(subparsers: Any) -> None:
         "effect", nargs="?", metavar="ID", help="a catalogue id, or the path of your own effect file (its code runs)"
     )
     parser.add_argument("--how-to", action="store_true", help="print how to write an effect of your own")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw what it does: .png, .svg, or .html")
+    add_plot_option(parser, "draw what it does")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.set_defaults(run=run)
@@ -64,8 +64,7 @@ def run(args: argparse.Namespace) -> int:
     if args.how_to:
         print((FOLDER / "README.md").read_text(encoding="utf-8"), end="")
         return 0
-    if args.plot is not None:
-        refuse_plot(args.plot, args.force)
+    refuse_plot(args.plot, args.force)
     if args.effect is None:
         found = list(catalogue().values())
     else:
@@ -86,17 +85,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def refuse_plot(path: Path, force: bool) -> None:
-    """Raises UsageError for a file that cannot be a picture or is there already."""
-    from gcs.analysis.pages.pictures import picture_kind
-
-    picture_kind(path)
-    refuse_existing(path, force)
-
-
 def draw(path: Path, effects: Sequence[Effect]) -> None:
     """What each does to the paper's vehicle, into a file; one that cannot stand there is left out."""
-    from gcs.analysis.pages.pictures import write_picture
     from gcs.analysis.pages.signature import signature_picture, signatures_picture
 
     signatures = [made for made in map(signature, effects) if made is not None]
@@ -105,8 +95,7 @@ def draw(path: Path, effects: Sequence[Effect]) -> None:
     single = len(effects) == 1
     figure = signature_picture(signatures[0]) if single else signatures_picture(signatures)
     text = explanation(effects[0]) if single else table(effects)
-    write_picture(path, figure, f"tippath effects: {effects[0].id if single else 'the catalogue'}", text)
-    print(f"wrote {path}", file=sys.stderr)
+    write_plot(path, lambda: figure, f"tippath effects: {effects[0].id if single else 'the catalogue'}", text)
 
 
 def signature(effect: Effect) -> Signature | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,6 +95,34 @@ def add_output_options(parser: argparse.ArgumentParser, metavar: str) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar=metavar, help="write the result to this file")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
+
+
+def add_plot_option(parser: argparse.ArgumentParser, what: str = "draw it") -> None:
+    """--plot, of every command that draws."""
+    parser.add_argument("--plot", type=Path, metavar="FILE", help=f"{what}: .png, .svg, or .html")
+
+
+def refuse_plot(path: Path | None, force: bool) -> None:
+    """Before long work. Raises UsageError for a file that can be no picture, or is there already."""
+    if path is None:
+        return
+    from gcs.analysis.pages.pictures import picture_kind  # half a second to load: only where something is drawn
+
+    picture_kind(path)
+    refuse_existing(path, force)
+
+
+def write_plot(path: Path | None, draw: Callable[[], Any], title: str, text: str) -> None:
+    """The figure that is drawn, into the file where one is named; a page holds the text as well.
+
+    Raises TippathError where the disk does not take it.
+    """
+    if path is None:
+        return
+    from gcs.analysis.pages.pictures import write_picture  # as in `refuse_plot`
+
+    write_picture(path, draw(), title, text)
+    print(f"wrote {path}", file=sys.stderr)
 
 
 def add_effects_option(parser: argparse.ArgumentParser, help_text: str) -> None:

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
-from gcs.cli.options import NAMED, add_effects_option, parse_words, print_json, refuse_existing
+from gcs.cli.options import (
+    NAMED,
+    add_effects_option,
+    add_plot_option,
+    parse_words,
+    print_json,
+    refuse_plot,
+    write_plot,
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -38,28 +45,21 @@ def add_parser(subparsers: Any) -> None:
         help="predict with this fit instead of the models in the file of gains; rate gains of an ArduPilot need it",
     )
     add_effects_option(parser, NAMED)
-    parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw it (the paper's Figure 5, and the steps): .png, .svg, or .html"
-    )
+    add_plot_option(parser, "draw it (the paper's Figure 5, and the steps)")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.pages.proof import proof_picture
     from gcs.analysis.proof import prove_flights
     from gcs.analysis.text.proof import proof_document, proof_text
 
-    if args.plot is not None:
-        picture_kind(args.plot)
-        refuse_existing(args.plot, args.force)
+    refuse_plot(args.plot, args.force)
     found = prove_flights(args.gains, args.flights, args.fit, parse_words(args.effects))
     text = proof_text(found)
-    if args.plot is not None:
-        write_picture(args.plot, proof_picture(found), "tippath proof", text)
-        print(f"wrote {args.plot}", file=sys.stderr)
+    write_plot(args.plot, lambda: proof_picture(found), "tippath proof", text)
     if args.json:
         print_json(proof_document(found))
     else:

@@ -11,10 +11,13 @@ from gcs.cli.options import (
     add_band_option,
     add_log_options,
     add_loop_option,
+    add_plot_option,
     parse_band,
     parse_profile,
     print_json,
     refuse_existing,
+    refuse_plot,
+    write_plot,
 )
 
 _FORMAT_HELP = """\
@@ -55,7 +58,7 @@ def add_parser(subparsers: Any) -> None:
     add_band_option(parser)
     add_log_options(parser)
     add_loop_option(parser)
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
+    add_plot_option(parser)
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="write them as .csv, .json, .mat, or .txt as CIFER lists them"
     )
@@ -68,7 +71,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.axes import asked_of
     from gcs.analysis.band import chosen_band
     from gcs.analysis.notes import note_lines
-    from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.pages.responses import responses_picture
     from gcs.analysis.response_files import KINDS
     from gcs.analysis.text.response import response_document, response_text
@@ -80,12 +82,10 @@ def run(args: argparse.Namespace) -> int:
     from sysid.data.record import RATES
     from sysid.response.flown import flown_responses
 
-    if args.plot is not None:
-        picture_kind(args.plot)
+    refuse_plot(args.plot, args.force)
     if args.output is not None and args.output.suffix.lower() not in KINDS:
         raise UsageError(f"-o {args.output}: name a file that ends in {', '.join(KINDS)}")
-    for path in (args.plot, args.output):
-        refuse_existing(path, args.force)
+    refuse_existing(args.output, args.force)
     asked = None if args.band is None else parse_band(args.band)
     window = None if args.window is None else parse_window(args.window)
     inputs, outputs = (parse_channels(words) for words in (args.inputs, args.outputs))
@@ -101,9 +101,7 @@ def run(args: argparse.Namespace) -> int:
     doubts = doubted(records)
     document = response_document(found, doubts)
     text = with_warnings(response_text(found), doubts)
-    if args.plot is not None:
-        write_picture(args.plot, responses_picture(found), "tippath response", text)
-        print(f"wrote {args.plot}", file=sys.stderr)
+    write_plot(args.plot, lambda: responses_picture(found), "tippath response", text)
     if args.output is not None:
         write_whole(KINDS[args.output.suffix.lower()](document), args.output)
         print(f"wrote {args.output}", file=sys.stderr)

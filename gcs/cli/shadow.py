@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +11,13 @@ from gcs.cli.options import (
     add_effects_option,
     add_log_options,
     add_loop_option,
+    add_plot_option,
     parse_band,
     parse_profile,
     parse_words,
     print_json,
-    refuse_existing,
+    refuse_plot,
+    write_plot,
 )
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def add_parser(subparsers: Any) -> None:
     add_band_option(parser)
     add_log_options(parser)
     add_loop_option(parser)
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the broken loop: .png, .svg, or .html")
+    add_plot_option(parser, "draw the broken loop")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.set_defaults(run=run)
@@ -76,7 +77,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.band import chosen_band
     from gcs.analysis.clearance import designed
     from gcs.analysis.notes import note_lines
-    from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.pages.shadow import shadow_picture
     from gcs.analysis.shadow import refuse_rate_gains, shadow_flight
     from gcs.analysis.text.shadow import shadow_text
@@ -86,9 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.flight.gains import load_gains
     from gcs.logs import parse_window, resolve_runs
 
-    if args.plot is not None:
-        picture_kind(args.plot)
-        refuse_existing(args.plot, args.force)
+    refuse_plot(args.plot, args.force)
     asked = None if args.band is None else parse_band(args.band)
     window = None if args.window is None else parse_window(args.window)
     limits = _limits(args.limits)
@@ -110,9 +108,7 @@ def run(args: argparse.Namespace) -> int:
         asked or chosen_band(flown).hz,
     )
     text = shadow_text(found)
-    if args.plot is not None:
-        write_picture(args.plot, shadow_picture(found), "tippath shadow", text)
-        print(f"wrote {args.plot}", file=sys.stderr)
+    write_plot(args.plot, lambda: shadow_picture(found), "tippath shadow", text)
     if args.json:
         print_json(found.to_json())
     else:
