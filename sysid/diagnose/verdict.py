@@ -263,15 +263,10 @@ def _answer(
     peers = singles if len(chain) == 1 else pairs
     among = declared(winner, _answers(peers, shares, enough))
     ratio = lead(winner, near(winner, peers), singles)
-    confidence = of_named(ratio, shares.short(winner), among)
-    doubtful = len(chain) > 1 and confidence < CHAIN_NAMED
-    missing = missing and not doubtful and not _made_by_the_loop(winner, confidence, shares, reference, chance)
-    if len(chain) > 1:
-        confidence = of_chain(ratio, shares.short(winner), among)
-    if not missing:
-        confidence = _of_unexplained(winner, chance, confidence, reference)
-    if not winner.fit.model.stable:
-        confidence = min(confidence, IN_A_LOOP_RIGHT)
+    named = of_named(ratio, shares.short(winner), among)
+    doubtful = len(chain) > 1 and named < CHAIN_NAMED
+    missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
+    right = named if len(chain) == 1 else of_chain(ratio, shares.short(winner), among)
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -279,12 +274,17 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=confidence,
+        confidence=_sure(winner, right if missing else _of_unexplained(winner, chance, right, reference)),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
+
+
+def _sure(winner: Ranked, confidence: float) -> float:
+    """No surer than answers of unstable models are, where it is one."""
+    return confidence if winner.fit is None or winner.fit.model.stable else min(confidence, IN_A_LOOP_RIGHT)
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Ranked | None:
