@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,8 +9,8 @@ from pathlib import Path
 from gcs.errors import TippathError
 
 OURS = ("gcs", "sysid", "sitl")
-INSTALLED = re.compile(rb"^(gcs|sysid|sitl)/", re.MULTILINE)
-"""In a distribution's list of files."""
+IN_RECORD = {name: f"\n{name}/".encode() for name in OURS}
+"""How a file of the package begins in a distribution's list of files."""
 INSTEAD = "install tippath in an environment of its own: python -m venv NAME"
 
 
@@ -25,19 +24,23 @@ def refuse_namesakes(root: Path | None = None) -> None:
     root = root or Path(__file__).resolve().parents[2]
     for name in OURS:
         place = _place(name)
-        if place is not None and place != root:
-            raise NamesakeError(f"{place / name} stands before tippath's own package {name}; {INSTEAD}")
+        if place is not None and place != root / name:
+            raise NamesakeError(f"{place} stands before tippath's own package {name}; {INSTEAD}")
     for record in _others(root):
-        found = INSTALLED.search(record.read_bytes())
-        if found:
-            other = record.parent.name.removesuffix(".dist-info")
-            raise NamesakeError(f"{other} is installed over tippath's own package {found[1].decode()}; {INSTEAD}")
+        files = b"\n" + record.read_bytes()
+        for name, listed in IN_RECORD.items():
+            if listed in files:
+                other = record.parent.name.removesuffix(".dist-info")
+                raise NamesakeError(f"{other} is installed over tippath's own package {name}; {INSTEAD}")
 
 
 def _place(name: str) -> Path | None:
-    """The folder that the package stands in; None where none is found, which its import will say."""
+    """The package's folder, or the one file of a module; None where none is found, which its import will say."""
     spec = find_spec(name)
-    return None if spec is None or spec.origin is None else Path(spec.origin).resolve().parents[1]
+    if spec is None or spec.origin is None:
+        return None
+    origin = Path(spec.origin).resolve()
+    return origin if spec.submodule_search_locations is None else origin.parent
 
 
 def _others(root: Path) -> Iterable[Path]:

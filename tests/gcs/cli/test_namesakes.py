@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -28,8 +29,16 @@ def test_a_package_that_stands_before_ours_is_named(
     assert "environment of its own" in line
 
 
+def test_a_single_file_that_stands_before_ours_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sitl.py").write_text("raise RuntimeError('imported')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "sitl", raising=False)
+    with pytest.raises(NamesakeError, match=rf"^{re.escape(str(tmp_path / 'sitl.py'))} stands before"):
+        refuse_namesakes()
+
+
 def test_a_distribution_that_was_installed_over_ours_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs.cli.namesakes._place", lambda name: tmp_path)
+    monkeypatch.setattr("gcs.cli.namesakes._place", lambda name: tmp_path / name)
     for name, files in {"tippath-1": "gcs/__init__.py,,\n", "other-2": "other.py,,\nsysid/__init__.py,,\n"}.items():
         (tmp_path / f"{name}.dist-info").mkdir()
         (tmp_path / f"{name}.dist-info" / "RECORD").write_text(files)
