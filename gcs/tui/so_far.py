@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gcs.analysis.quantities import amount_in
+
 WITHIN_S = 120.0
 """A fit of a whole card takes seconds."""
 WATCHED = ("L_b", "M_a")
@@ -44,9 +46,9 @@ class SoFar:
         )
 
     def words(self, before: SoFar | None) -> str:
-        """`so far TPP p 77 q 72 %, L_b 124 ± 2, M_a 557 ± 8, moved by 0.6 %`."""
+        """`so far TPP p 77 q 72 %, L_b 124.3 ± 1.9, M_a 557 ± 8, moved by 0.6 %`."""
         fits = " ".join(f"{name} {value:.0f}" for name, value in self.nrmse_percent.items())
-        sizes = ", ".join(f"{name} {value:.0f} ± {self.errors[name]:.2g}" for name, value in self.values.items())
+        sizes = ", ".join(f"{name} {amount_in('-', value, self.errors[name])}" for name, value in self.values.items())
         text = f"so far TPP {fits} %, {sizes}"
         if before is None:
             return text

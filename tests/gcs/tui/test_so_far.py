@@ -53,8 +53,8 @@ class Said:
 
 
 def test_what_moved_is_told_from_the_second_fit_on():
-    assert FIRST.words(None) == "so far TPP p 77 q 72 %, L_b 124 ± 1.9, M_a 558 ± 8"
-    assert SECOND.words(FIRST) == "so far TPP p 77 q 72 %, L_b 124 ± 1.3, M_a 561 ± 5.6, moved by 0.6 %"
+    assert FIRST.words(None) == "so far TPP p 77 q 72 %, L_b 124.3 ± 1.9, M_a 558 ± 8"
+    assert SECOND.words(FIRST) == "so far TPP p 77 q 72 %, L_b 124.2 ± 1.3, M_a 561 ± 6, moved by 0.6 %"
 
 
 def test_runs_that_end_while_a_fit_is_made_are_fitted_once_and_the_newest():
