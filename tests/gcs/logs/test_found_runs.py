@@ -318,8 +318,8 @@ def without(data: bytes, names: set[str]) -> bytes:
     ("name", "axis", "start_s"),
     [
         ("quad_roll_sweep.BIN", "roll", 77.172),
-        ("quad_pitch_sweep.BIN", "pitch", 76.942),
-        ("heli_roll_sweep.BIN", "roll", 256.590),
+        pytest.param("quad_pitch_sweep.BIN", "pitch", 76.942, marks=pytest.mark.thorough),
+        pytest.param("heli_roll_sweep.BIN", "roll", 256.590, marks=pytest.mark.thorough),
         ("heli_pitch_sweep.BIN", "pitch", 95.310),
     ],
 )

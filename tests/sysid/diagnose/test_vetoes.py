@@ -53,7 +53,7 @@ def bending() -> list[list[Run]]:
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode", "servo_lag")], indirect=True)
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_a_mode_that_roll_does_not_show_is_named_from_pitch(number: int) -> None:
     """Its share in roll is nothing within its error, and its frequency and damping there mean nothing."""
     found = asked(bending()[number])
