@@ -65,7 +65,7 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
 
     settings = {"svg.hashsalt": "tippath", "svg.fonttype": "path" if outlined else "none"}
     if outlined:
-        _unshared(figure)
+        _clip_each_area(figure)
     with rc_context(settings), warnings.catch_warnings():  # the same figure gives the same page
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # in a name, say; a box stands for it
         figure.savefig(stream, format="svg", metadata={"Date": None})
@@ -76,7 +76,7 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
     return FONTS.sub(r"\1sans-serif", text)
 
 
-def _unshared(figure: Any) -> None:
+def _clip_each_area(figure: Any) -> None:
     """Each area as a path with its own clip: fpdf2 clips paths, and nothing within a clipped group.
 
     As such a group Matplotlib writes a single area that is smaller than the figure, unless its links are several.
