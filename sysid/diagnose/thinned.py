@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import Spectrum
+from sysid.data.preprocess import Piece, Spectrum, held_s
 from sysid.data.record import CYCLIC
 from sysid.diagnose.evidence import Candidate
 from sysid.fit.check_kinds import CommandsThinned
@@ -56,6 +56,21 @@ def held(runs: Dataset, loop_s: float) -> Dataset:
     """The runs, with commands held so long, s."""
     records = tuple(replace(one, loop_dt_s=loop_s, loop_told_by=TOLD_BY) for one in runs.records)
     return Dataset(records=records, band_hz=runs.band_hz, like=runs.like, outputs=runs.outputs)
+
+
+def untold(runs: Dataset) -> bool:
+    """Whether a log slower than any likely loop does not tell of it, though the runs may have shown it since."""
+    return any(piece.dt >= SLOW_S and _untold(piece) for piece in runs.pieces)
+
+
+def samples_lost(runs: Dataset) -> bool:
+    """Whether a log that is slower than any likely loop lost samples of its commands, as far as is known."""
+    slow = [piece for piece in runs.pieces if piece.dt >= SLOW_S]
+    return any(_untold(piece) or held_s(piece.dt, piece.record) < piece.dt for piece in slow)
+
+
+def _untold(piece: Piece) -> bool:
+    return piece.record.loop_dt_s is None or piece.record.loop_told_by == TOLD_BY
 
 
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:

@@ -16,6 +16,7 @@ from sysid.diagnose.confidence import (
     CHAIN_NAMED,
     IN_A_LOOP_RIGHT,
     NAMED_IN_A_LOOP,
+    UNTOLD_RIGHT,
     lead,
     of_chain,
     of_complete,
@@ -23,13 +24,14 @@ from sysid.diagnose.confidence import (
     of_unexplained,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain
-from sysid.diagnose.likely import SAME, declared, near
+from sysid.diagnose.likely import SAME, declared, near, where_samples_are_lost
 from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection, select
+from sysid.diagnose.thinned import samples_lost, untold
 from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import Division
 from sysid.fit.result import finite
@@ -262,6 +264,8 @@ def _answer(
     missing = enough and not stands_in and _hold(compared)
     peers = singles if len(chain) == 1 else pairs
     among = declared(winner, _answers(peers, shares, enough))
+    if samples_lost(winner.fit.dataset):
+        among = where_samples_are_lost(among, winner, singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
     doubtful = len(chain) > 1 and named < CHAIN_NAMED
@@ -274,7 +278,9 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=_sure(winner, right if missing else _of_unexplained(winner, chance, right, reference)),
+        confidence=_sure(
+            winner, _named_sure(winner, right) if missing else _of_unexplained(winner, chance, right, reference)
+        ),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
@@ -285,6 +291,12 @@ def _answer(
 def _sure(winner: Ranked, confidence: float) -> float:
     """No surer than answers of unstable models are, where it is one."""
     return confidence if winner.fit is None or winner.fit.model.stable else min(confidence, IN_A_LOOP_RIGHT)
+
+
+def _named_sure(winner: Ranked, confidence: float) -> float:
+    """No surer than names are from a log that does not tell how long commands were held."""
+    assert winner.fit is not None
+    return min(confidence, UNTOLD_RIGHT) if untold(winner.fit.dataset) else confidence
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Ranked | None:

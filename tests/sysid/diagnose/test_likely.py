@@ -16,7 +16,7 @@ from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.confidence import COMPLETE_RIGHT, UNEXPLAINED_RIGHT, of_complete, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.likely import declared, near
-from sysid.model.effect import named_effect
+from sysid.model.effect import catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
 
 N = 40
@@ -113,6 +113,21 @@ def test_a_long_tail_of_unlikely_ones_is_left_out_and_makes_less_sure() -> None:
 def test_an_implausible_rival_is_in_no_class() -> None:
     lag = refitted("servo_lag")
     assert of(lag, [refitted("transport_delay", 1.0, 1, implausible=("T_d",))]).alike == ()
+
+
+def test_where_samples_of_commands_are_lost_play_and_a_dead_band_are_one_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Ranked, "own", property(lambda one: tuple(catalogue()[name] for name in one.effects)))
+    play, band = refitted("servo_backlash"), refitted("servo_deadband", CHI_SQUARED / 2, 1)
+    lag, weak = refitted("servo_lag", CHI_SQUARED / 2, 2), refitted("servo_saturation", 0.9 * CHI_SQUARED, 3)
+    others = [play, band, lag, weak]
+    told = declared(play, others)
+    assert told.alike == ()
+    assert likely.where_samples_are_lost(told, play, others).alike == ("servo_deadband",)
+    impossible = replace(band, implausible=("backlash",))
+    assert likely.where_samples_are_lost(told, play, [play, impossible]).alike == ()
+    assert likely.where_samples_are_lost(told, lag, others).alike == ()  # a lag does not hang on samples
 
 
 def test_a_likelier_rival_of_doubtful_values_hides_no_other() -> None:

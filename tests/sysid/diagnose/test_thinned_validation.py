@@ -1,4 +1,4 @@
-"""Validation runs of a thinned log judge only where its samples tell what the commands did."""
+"""Thinned logs: validation runs judge only where samples tell what the commands did, and which logs lost some."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from planted_fits import records
 
 from sysid.data.dataset import Dataset
 from sysid.data.record import Record
-from sysid.diagnose.thinned import telling
+from sysid.diagnose.thinned import held, samples_lost, telling, untold
 
 BAND = (0.5, 10.0)
 LOOP_S = 0.002
@@ -56,3 +56,24 @@ def test_every_step_is_known_where_the_log_has_all_of_the_loop(chirp: Record, do
     assert judging(told) == (told,)
     assert judging(every(doublet, None)) is None  # no loop is likely to be
     assert np.ptp(told.channels["delta_x"]) == pytest.approx(0.2)
+
+
+def test_a_log_that_is_slower_than_loops_and_does_not_tell_of_its_own_is_told_apart(chirp: Record) -> None:
+    def on(one: Record) -> Dataset:
+        return Dataset(records=(one,), band_hz=BAND)
+
+    nothing_told = on(every(chirp, None))
+    assert untold(nothing_told)
+    assert samples_lost(nothing_told)
+    found_since = held(nothing_told, LOOP_S)
+    assert untold(found_since)
+    assert samples_lost(found_since)
+    told = on(every(chirp))
+    assert not untold(told)
+    assert samples_lost(told)
+    every_loop = on(every(chirp, 10 * LOOP_S))
+    assert not untold(every_loop)
+    assert not samples_lost(every_loop)
+    fast = on(replace(chirp, loop_dt_s=None))
+    assert not untold(fast)
+    assert not samples_lost(fast)
