@@ -24,7 +24,7 @@ from sysid.diagnose.confidence import (
     of_unexplained,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain
-from sysid.diagnose.likely import SAME, declared, near, where_samples_are_lost
+from sysid.diagnose.likely import SAME, Class, declared, near, where_samples_are_lost
 from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares
@@ -263,9 +263,7 @@ def _answer(
     compared = _compared(winner, reference) if enough and not stands_in else ()
     missing = enough and not stands_in and _hold(compared)
     peers = singles if len(chain) == 1 else pairs
-    among = declared(winner, _answers(peers, shares, enough))
-    if samples_lost(winner.fit.dataset):
-        among = where_samples_are_lost(among, winner, singles)
+    among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
     doubtful = len(chain) > 1 and named < CHAIN_NAMED
@@ -286,6 +284,13 @@ def _answer(
         outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
+
+
+def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked]) -> Class:
+    """Also by what the log lost of the commands."""
+    assert winner.fit is not None
+    among = declared(winner, answers)
+    return where_samples_are_lost(among, winner, singles) if samples_lost(winner.fit.dataset) else among
 
 
 def _sure(winner: Ranked, confidence: float) -> float:
