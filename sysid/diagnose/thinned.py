@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import Piece, Spectrum, held_s
-from sysid.data.record import CYCLIC
+from sysid.data.preprocess import Spectrum, held_s
+from sysid.data.record import CYCLIC, Record
 from sysid.diagnose.evidence import Candidate
 from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.clocks import SLOW_S, loop_held_s, thinned_loop
@@ -60,17 +60,13 @@ def held(runs: Dataset, loop_s: float) -> Dataset:
 
 def untold(runs: Dataset) -> bool:
     """Whether a log slower than any likely loop does not tell of it, though the runs may have shown it since."""
-    return any(piece.dt >= SLOW_S and _untold(piece) for piece in runs.pieces)
+    slow = [piece.record for piece in runs.pieces if piece.dt >= SLOW_S]
+    return any(one.loop_dt_s is None or one.loop_told_by == TOLD_BY for one in slow)
 
 
 def samples_lost(runs: Dataset) -> bool:
     """Whether a log that is slower than any likely loop lost samples of its commands, as far as is known."""
-    slow = [piece for piece in runs.pieces if piece.dt >= SLOW_S]
-    return any(_untold(piece) or held_s(piece.dt, piece.record) < piece.dt for piece in slow)
-
-
-def _untold(piece: Piece) -> bool:
-    return piece.record.loop_dt_s is None or piece.record.loop_told_by == TOLD_BY
+    return untold(runs) or any(piece.dt >= SLOW_S and _thinned(piece.dt, piece.record) for piece in runs.pieces)
 
 
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:
@@ -91,14 +87,13 @@ def telling(runs: Dataset) -> Dataset | None:
     A log slower than the loop, or than any likely one where it does not tell, lost when a step was, and a model that is
     exact misses the answer by as much.
     """
-    lost = {id(one.segment.record) for one in runs.spectra if _thinned(one) and _folded(one)}
+    lost = {id(one.segment.record) for one in runs.spectra if _thinned(one.dt, one.segment.record) and _folded(one)}
     kept = tuple(one for one in runs.records if id(one) not in lost)
     return runs.of(kept) if kept else None
 
 
-def _thinned(run: Spectrum) -> bool:
-    untold = run.segment.record.loop_dt_s is None and run.dt >= SLOW_S
-    return untold or run.segment.held_s < run.dt
+def _thinned(dt: float, record: Record) -> bool:
+    return (record.loop_dt_s is None and dt >= SLOW_S) or held_s(dt, record) < dt
 
 
 def _folded(run: Spectrum) -> bool:
