@@ -46,7 +46,7 @@ class CandidateTerms:
     flown: list[ComplexArray]
     """For every stack the expressions' bins (expressions, bins), by the commands as flown."""
     imposed: list[ComplexArray]
-    """By the imposed commands."""
+    """By the imposed commands; `flown` itself where nothing else is asked."""
     transfer: list[ComplexArray]
     """For every stack (rows, k, bins): outputs per unit of what is added to a row."""
     plain: Whitening
@@ -64,6 +64,11 @@ class CandidateTerms:
     @property
     def first_of_pairs(self) -> tuple[AnyArray, AnyArray]:
         return self.first[0][self.single :], self.first[1][self.single :]
+
+    @property
+    def as_flown(self) -> bool:
+        """Whether answers to the imposed commands are those to the commands as flown."""
+        return self.imposed is self.flown
 
     def answers(self, number: int, imposed: bool = False) -> list[ComplexArray]:
         """An entry's sensitivities as `respond` gives them: for every stack (parts, k, bins)."""
@@ -131,7 +136,8 @@ def _within_reach(
     far = ~np.all([np.abs(Z).max(axis=1, initial=0.0) < LARGEST_BIN for Z in (*flown, *imposed)], axis=0)
     if not far.any():
         return flown, imposed
-    return [np.where(far[:, None], 0.0, Z) for Z in flown], [np.where(far[:, None], 0.0, Z) for Z in imposed]
+    near = [np.where(far[:, None], 0.0, Z) for Z in flown]
+    return near, near if imposed is flown else [np.where(far[:, None], 0.0, Z) for Z in imposed]
 
 
 def _expressions_on(segments: Sequence[Mapping[str, FloatArray]], structure: Structure) -> list[Expression]:

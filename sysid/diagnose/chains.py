@@ -28,9 +28,11 @@ from sysid.diagnose.candidates import (
     score_effects,
 )
 from sysid.diagnose.evidence import Candidate, gain
+from sysid.diagnose.likely import CHANCE, misfit
 from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import NEAR, PRICES, refitted
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics
@@ -229,6 +231,8 @@ class _Chains:
                 if first is able[0] and not first.implausible and not self.found:
                     return False
                 continue
+            if self.found and self.leaves_noise(self.best):
+                break
             if not waiting and self.found:
                 # each half of the best chain may have another partner that does better still
                 best = self.best
@@ -237,9 +241,16 @@ class _Chains:
             self.exchange_halves()
         return True
 
+    def leaves_noise(self, chain: Ranked) -> bool:
+        """Whether a chain of no doubtful values explains all: then others can but take its halves' places."""
+        assert chain.fit is not None
+        left = chain.fit.division
+        return not chain.outside and log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT
+
     def begin_with(self, first: Ranked) -> bool:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
-        assert first.fit is not None
+        begun = first.fit
+        assert begun is not None
         assert first.stepped is not None
         if not self.paid(ASKED):
             self.not_asked.append(first.effect)
@@ -247,18 +258,19 @@ class _Chains:
         self.say(Asking(stage=Stage.SECONDS, effects=first.effects))
         whitening, users = self.reference.whitening, self.reference.users
         try:
-            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, unheard)
+            seconds = score_effects(begun.asked_in(whitening), first.stepped, whitening, users, unheard)
         except KeyboardInterrupt:
             self.interrupt()
             self.not_asked.append(first.effect)
             return True
         scores = [one.score for one in seconds if one.score is not None]
-        if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
+        if chance_of_noise(begun.division, scores) >= SIGNIFICANT:
             return False
         asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
         self.seconds[first.effect] = asked
+        # what is dear last: the best of the others may be out of its reach by then
         chosen = self.without_twins(asked)[:SECONDS]
-        for second in chosen:
+        for second in sorted(chosen, key=lambda one: self.price_of(one, begun) >= DEAR):
             if _names(first.effect, second.effect) not in self.found and self.promising(first, second):
                 self.fit(first, second)
         return True
@@ -357,12 +369,23 @@ class _Chains:
         stand in its place."""
         best = self.best
         for half, other in (best.effects, best.effects[::-1]):
+            again = Ranked(effects=(other,), score=None, not_testable=None)
             for one in self.like_alone(half):
-                if one.effect not in best.effects and _names(one.effect, other) not in self.found:
-                    self.fit(one, Ranked(effects=(other,), score=None, not_testable=None))
+                if one.effect in best.effects or _names(one.effect, other) in self.found:
+                    continue
+                if self.not_too_dear(one, again):
+                    self.fit(one, again)
             for one in self.like_beside(other, half):
                 if one.effect not in best.effects and _names(one.effect, other) not in self.found:
                     self.fit(self.single[other], one)
+
+    def not_too_dear(self, one: Ranked, other: Ranked) -> bool:
+        """Whether a refit is cheap, or may be worth it: what alone explains less than a half of the best chain by more
+        than the other half adds does not make up for it beside that."""
+        assert one.fit is not None
+        best = self.best
+        alone = max((self.single[name].chi_squared for name in best.effects if name in self.single), default=0.0)
+        return one.chi_squared >= 2 * alone - best.chi_squared or self.price_of(other, one.fit) < DEAR
 
     def like_alone(self, half: str) -> list[Ranked]:
         """Single effects that explain the same as this one, and are as plausible; twins, which tell nothing, last."""
@@ -415,7 +438,8 @@ def _apart(one: Ranked, other: Ranked, alike: float = ALIKE) -> bool:
 
 
 def _remainder(one: Ranked, reference: Reference) -> float:
-    """Share of what can be explained that this effect leaves, as far as the commands or a simple term explain it."""
+    """Share of what can be explained that this effect leaves, as far as the commands or a simple term explain it: by
+    power, or by the noise's own measure, where that is more."""
     assert one.fit is not None
     fit, parent = one.fit, reference.parent
 
@@ -423,7 +447,8 @@ def _remainder(one: Ranked, reference: Reference) -> float:
         rest = fit.error_share - float(np.sum(noise_shares(fit, terms)))
         return rest / max(parent.error_share - fit.error_share + rest, 1e-300)
 
-    linear = left(None)
+    by_noise = misfit(one, CHANCE) if parent.division.measured else 0.0
+    linear = max(left(None), by_noise / max(one.chi_squared + by_noise, 1e-300))
     return linear if linear >= REMAINDER else left(reference.simple(fit))  # a limit leaves nothing linear
 
 

@@ -22,6 +22,9 @@ PLAINLY_MORE = 0.1
 """Of what can be explained, on fitted and on validation runs, by which play, a dead band or a limit explains more than
 another that is likelier: where it swallows most of the gusts, too, answers to the imposed commands are least exact.
 (A dead band passed for play there, and play for a dead band; both explained 0.16 and 0.3 more.)"""
+INEXACT = 0.01
+"""Of the chi squared of an implausible winner, by which a plausible one may be behind for the steps' sake alone: what
+predicts the same ended by so much apart in slow gusts."""
 AS_MUCH = 0.8
 """Of an effect's chi squared, that one which explains as much has at least."""
 
@@ -67,8 +70,10 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
     best = min(alike, key=_unusual) if len(alike) > 1 else winner  # what is usual takes numbers told, which are dear
     fuller = [one for one in others if _explains_instead(one, best, near)] if not _explains(best) else []
     best = min(fuller, key=lambda one: one.delta_bic, default=best)
+    more = [one for one in others if _explains_more(one, best, near)]
+    best = min(more, key=lambda one: one.delta_bic, default=best)
     best = min((one for one in others if _shows_plainly_more(one, best)), key=lambda one: one.delta_bic, default=best)
-    if not best.outside:
+    if not best.outside or len(best.effects) > 1:  # of two, the larger explains nearly as much with anything beside it
         return best
     simpler = [one for one in others if _explains_as_much(one, best)]
     return min(simpler, key=lambda one: one.delta_bic, default=best)
@@ -83,6 +88,16 @@ def _explains_instead(one: Ranked, winner: Ranked, near: float) -> bool:
     if one.stepped is None or winner.stepped is None or one.implausible or one.delta_bic >= 0 or not _explains(one):
         return False
     return gain(winner.stepped, one.stepped)[0] < near
+
+
+def _explains_more(one: Ranked, winner: Ranked, near: float) -> bool:
+    """Whether it explains more of what can be explained with as few parameters, where it is hardly less likely: a
+    filter of 1.5 ms on the gyro for a delay of the commands, on a real autopilot's simulator."""
+    if one.stepped is None or winner.stepped is None or one.implausible or one.added > winner.added:
+        return False
+    if (one.explained_share or 0.0) <= (winner.explained_share or 0.0) + ALMOST:
+        return False
+    return set(one.outside) <= set(winner.outside) and 0 <= gain(winner.stepped, one.stepped)[0] < near
 
 
 def _shows_plainly_more(one: Ranked, winner: Ranked) -> bool:
@@ -116,7 +131,7 @@ def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
 def _stands_beside(one: Ranked, winner: Ranked, behind: float, apart: float, near: float) -> bool:
     """Whether it may be named instead: as likely with as many parameters, or nearly so where only it is plausible."""
     if winner.implausible and not one.implausible:
-        return behind < near
+        return behind < max(near, INEXACT * winner.chi_squared)
     return abs(behind) < TIED and apart < APART and one.added == winner.added
 
 

@@ -12,9 +12,12 @@ study`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
+
+import numpy as np
 
 from sysid.data.dataset import Dataset, Runs, dataset, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
@@ -32,15 +35,16 @@ from sysid.diagnose.candidates import (
     score_effects,
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
-from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
+from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step
 from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.likely import SAME
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.shares import divided
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
-from sysid.diagnose.thinned import as_held, held, telling
+from sysid.diagnose.thinned import as_held, by_a_usual_loop, held, telling
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
 from sysid.fit.innovations import Innovations
@@ -49,6 +53,8 @@ from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening
 from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
+
+TINY = 1e-300
 
 
 def diagnose(
@@ -74,37 +80,84 @@ def diagnose(
     validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
     fixed = fixed or {}
     say(Asking(stage=Stage.NOISE, of=1 + len(entries(structure, on, effects))))
-    parent, thinned, loop_s = as_held(
-        _parent(structure, on, fixed, begin), fixed, lambda runs, near: _parent(structure, runs, fixed, near)
-    )
-    if loop_s is not None and validated_on is not None:
-        validated_on = held(validated_on, loop_s).beside(parent.dataset)
-    validated_on = None if validated_on is None else telling(validated_on)
-    asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
 
+    def refitted(runs: Dataset, near: Model) -> Candidate:
+        return _parent(structure, runs, fixed, near)
+
+    parent, thinned, loop_s = as_held(_parent(structure, on, fixed, begin), fixed, refitted)
+    asked = _asked(parent, _judging(validated_on, parent, loop_s), effects, say)
+    if asked.answer.verdict != "complete" and (usual := by_a_usual_loop(parent, refitted)) is not None:
+        other = _asked(usual.parent, _judging(validated_on, usual.parent, usual.loop_s), effects, say)
+        if _as_likely(other, asked):
+            asked, thinned = other, usual.what
+    return replace(_with_chains(asked, say, limit) if chains else asked.finished(ChainSearch()), thinned=thinned)
+
+
+def _judging(runs: Dataset | None, parent: Candidate, loop_s: float | None) -> Dataset | None:
+    """The validation runs that judge, their commands held as the parent's."""
+    if runs is not None and loop_s is not None:
+        runs = held(runs, loop_s).beside(parent.dataset)
+    return None if runs is None else telling(runs)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Asked:
+    """Every entry asked of a structure as it was fitted; chains not yet."""
+
+    candidates: Sequence[Ranked]
+    chance: float
+    """That noise alone shows as much, a logarithm."""
+    reference: Reference
+    answer: Diagnosis
+
+    @property
+    def significant(self) -> bool:
+        return self.chance < SIGNIFICANT
+
+    def finished(self, chained: ChainSearch) -> Diagnosis:
+        """The answer with the chains that were found."""
+        candidates, pairs, reference, answer = self.candidates, chained.pairs, self.reference, self.answer
+        if pairs:
+            answer = verdict_on(candidates, pairs, self.chance, reference)
+        likelier = _likelier(answer, reference)
+        if likelier is not None:
+            candidates = sorted((compared(one, likelier) for one in candidates), key=rank)
+            pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
+            answer = verdict_on(candidates, pairs, self.chance, likelier)
+        return replace(answer, first=_first(self.answer) if pairs else None, unsearched=chained.unsearched)
+
+
+def _asked(parent: Candidate, validation: Dataset | None, effects: Sequence[Effect], say: Listener) -> _Asked:
+    asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say, elsewhere)
-    reference = _reference(parent, candidates, effects, validated_on)
+    reference = _reference(parent, candidates, effects, validation)
     candidates = sorted(_held_against(reference, candidates, say), key=rank)
     say(Asking(stage=Stage.WEIGHING))
-    answer, chained = verdict_on(candidates, (), chance, reference), ChainSearch()
-    first = _first(answer)
-    if chains and chance < SIGNIFICANT:
-        say(first)
-        answered = answer.verdict == "missing"
-        chained = chains_of_two(answer.candidates, reference, say, limit=limit, answered=answered)
-    pairs = chained.pairs
-    if pairs:
-        answer = verdict_on(candidates, pairs, chance, reference)
-    likelier = _likelier(answer, reference)
-    if likelier is not None:
-        candidates = sorted((compared(one, likelier) for one in candidates), key=rank)
-        pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
-        answer = verdict_on(candidates, pairs, chance, likelier)
-    return replace(answer, first=first if pairs else None, unsearched=chained.unsearched, thinned=thinned)
+    answer = verdict_on(candidates, (), chance, reference)
+    return _Asked(candidates=candidates, chance=chance, reference=reference, answer=answer)
+
+
+def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis:
+    if not asked.significant:
+        return asked.finished(ChainSearch())
+    answer = asked.answer
+    say(_first(answer))
+    answered = answer.verdict == "missing"
+    return asked.finished(chains_of_two(answer.candidates, asked.reference, say, limit=limit, answered=answered))
+
+
+def _as_likely(other: _Asked, asked: _Asked) -> bool:
+    """Whether the best that explains the runs as the other takes them is no less likely."""
+    here, there = (one.candidates[0].fit or one.reference.parent for one in (asked, other))
+    metric = min(here, there, key=_error).metric
+    added = len(there.J[0]) - len(here.J[0])
+    rows = asked.reference.stepped.residual.size
+    better = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (there, here)))[0]
+    return better - added * math.log(rows) > -SAME
 
 
 def _beyond_the_catalogue(
@@ -163,8 +216,14 @@ def _reference(
 ) -> Reference:
     """The parent under the noise that the candidate of least error leaves."""
     fits = [one.fit for one in candidates if one.fit is not None]
-    best = min([parent, *fits], key=lambda one: one.error_share)
+    best = min([parent, *fits], key=_error)
     return _under(best.metric, parent, users, validation)
+
+
+def _error(one: Candidate) -> float:
+    """What a candidate leaves, to find the least: summed logarithms of power, window by window, so that a bit of slow
+    gusts counts for no more than all of the rest; all power where feedback makes it."""
+    return float(np.sum(np.log(np.maximum(one.division.power, TINY)))) if one.division.measured else one.error_share
 
 
 def _likelier(answer: Diagnosis, reference: Reference) -> Reference | None:

@@ -15,32 +15,27 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import ComplexArray
+from sysid.data.preprocess import ComplexArray, gusts_kept_out
+from sysid.diagnose.shown import Shown, as_loud_as_it_is, shown_by
 from sysid.errors import FitError
 from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
-from sysid.fit.output_error import OutputError, output_error
+from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
 from sysid.model.predict import respond
-from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
 WORST_SETTLING = 1.01
 MOST_MOVES = 3
 DAMPED = 1e-2
 """Of each parameter's own weight: what the runs hardly determine does not run away."""
-MOST_MOVES_BY_NOISE = 8
-PARTS = (1.0, 0.5, 0.25)
-"""Of a step, tried one after the other."""
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
-SURELY_BETTER = 4.0
-"""Chi squared by which other values must foretell better than those of least squares to take their place."""
 LITTLE_MOVED = 0.5
 """Chi squared: a move that gains less is the last."""
 
@@ -63,6 +58,7 @@ class Candidate:
     J: list[ComplexArray]
     """Sensitivities of Y to the free parameters, for every stack (free, k, bins)."""
     J_imposed: list[ComplexArray]
+    """Of Y_imposed; J itself where nothing but the commands as flown is asked."""
     _asked_in: dict[Whitening, Candidate] = field(default_factory=dict, init=False)
 
     @property
@@ -118,8 +114,8 @@ class Candidate:
         loose = [self.model.structure.names.index(name) for name in here.free]
         # A step may not lead there. An unstable vehicle can foretell anything that its pilot and controller hold.
         known = metric.model.structure == self.model.structure and metric.model.stable
-        if known and (told := here._at(metric.model.values)) is not None:
-            here = min(here, told, key=lambda one: _new(one, metric))
+        if known and (told := here.at(metric.model.values)) is not None:
+            here = min(here, told, key=lambda one: power_left(one, metric))
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
             for step in _steps(J, e):
@@ -127,15 +123,15 @@ class Candidate:
                 values[loose] += step
                 # a bound itself may have no response
                 values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
-                there = here._at(values)
-                if there is not None and _new(there, metric) < float(e @ e) - LITTLE_MOVED:
+                there = here.at(values)
+                if there is not None and power_left(there, metric) < float(e @ e) - LITTLE_MOVED:
                     here = there
                     break
             else:
                 break
         return here
 
-    def _at(self, values: FloatArray) -> Candidate | None:
+    def at(self, values: FloatArray) -> Candidate | None:
         """With other values; None where they have no response."""
         moved = replace(self.estimate, model=Model(self.model.structure, values))
         try:
@@ -151,7 +147,7 @@ class Candidate:
         if not self.dataset.in_a_loop:
             return self.model, self.standard_errors
         there = self.asked_in(self.metric)
-        variances = np.diag(_covariance(there, self.metric))
+        variances = np.diag(covariance(there, self.metric))
         errors = np.sqrt(np.maximum(variances, 0.0))  # what is not determined comes out below 0 by rounding
         return there.model, dict(zip(there.model.structure.names, map(float, errors), strict=True))
 
@@ -191,6 +187,7 @@ def candidate(found: Estimate, held: Collection[str], on: Dataset, added: Sequen
     flown = [respond(structure, values, group, True) for group in on.stacks]
     J = [one.slopes for one in flown]
     Y_imposed, J_imposed = imposed_answers(structure, values, on, [one.Y for one in flown], J)
+    moving = _of(J, loose)
     return Candidate(
         estimate=found,
         added=tuple(added),
@@ -199,9 +196,14 @@ def candidate(found: Estimate, held: Collection[str], on: Dataset, added: Sequen
         dataset=on,
         Y=[one.Y for one in flown],
         Y_imposed=Y_imposed,
-        J=[one[loose] for one in J],
-        J_imposed=[one[loose] for one in J_imposed],
+        J=moving,
+        J_imposed=moving if on.beyond else _of(J_imposed, loose),
     )
+
+
+def _of(J: Sequence[ComplexArray], numbers: Sequence[int]) -> list[ComplexArray]:
+    """Some rows of each, which are many times the size of all else: copied only where they are not all."""
+    return [one if len(numbers) == len(one) else one[numbers] for one in J]
 
 
 def imposed_answers(
@@ -256,7 +258,14 @@ def _steps(J: FloatArray, e: FloatArray) -> Iterator[FloatArray]:
     yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), rows @ e) / scale)
 
 
-def _new(one: Candidate, metric: Whitening) -> float:
+def as_loud(one: Candidate, metric: Whitening) -> Whitening:
+    """The metric with its lowest frequencies as loud as what the candidate leaves is there."""
+    if not one.division.measured:
+        return metric
+    return as_loud_as_it_is(metric, metric(_residual(one))[0], one.dataset.causes)
+
+
+def power_left(one: Candidate, metric: Whitening) -> float:
     """Of what it leaves, the power in white rows."""
     return float(np.sum(metric(_residual(one)) ** 2))
 
@@ -280,85 +289,7 @@ def refit(composed: Structure, parent: Candidate, added: Sequence[str], near: Mo
     return made
 
 
-def predicting(fit: Candidate, parent: Candidate) -> Candidate:
-    """In a loop the values that foretell best what is new, from typical ones of the effects that were added; the fit
-    where these do not foretell it better. Feedback may take least squares into another valley, and far off."""
-    structure, metric = fit.model.structure, parent.metric
-    if not (fit.dataset.in_a_loop and structure.linear and isinstance(metric, Innovations)):
-        return fit
-    begin = {one.name: one.typical for one in structure.parameters} | metric.model.by_name
-    model = Model(structure, structure.vector({name: begin[name] for name in structure.names}))
-    there = replace(fit, estimate=replace(fit.estimate, at_bound=()))._at(model.values)
-    if there is None:
-        return fit
-    try:
-        with np.errstate(all="ignore"):  # from where a model is not stable
-            there = there.asked_in(metric)
-            if not (there.model.stable and _new(there, metric) < _new(fit.asked_in(metric), metric) - SURELY_BETTER):
-                return fit
-        found = replace(
-            fit.estimate,
-            model=there.model,
-            at_bound=(),
-            error=output_error(there.model, fit.dataset.stacks),
-            covariance=_covariance(there, metric),
-            instrument="prediction error",
-        )
-        return candidate(found, fit.held, fit.dataset, fit.added)
-    except (RelaxationError, np.linalg.LinAlgError):
-        return fit
-
-
-def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate | None:
-    """The fit's structure moved, from these values, to where the imposed commands leave nothing of its parameters in
-    the noise's white rows; None where no response leads there.
-
-    Least squares weighs what is small and narrow no more than gusts of the same power, and goes where these are.
-    """
-    here = replace(fit, estimate=replace(fit.estimate, at_bound=()))._at(begin.values)
-    if here is None:
-        return None
-    for _ in range(MOST_MOVES_BY_NOISE):
-        better = _moved(here, _instrumented_move(here, metric), metric)
-        if better is None:
-            break
-        here = better
-    moved = replace(
-        here.estimate,
-        error=output_error(here.model, here.dataset.stacks),
-        covariance=_covariance(here, metric),
-    )
-    return candidate(moved, fit.held, fit.dataset, fit.added)
-
-
-def _moved(one: Candidate, step: FloatArray, metric: Whitening) -> Candidate | None:
-    """So far along a step of the free parameters that it leaves less; None where it does not."""
-    loose = [one.model.structure.names.index(name) for name in one.free]
-    for part in PARTS:
-        values = one.model.values.copy()
-        values[loose] += part * step
-        there = one._at(values)
-        if there is not None and _new(there, metric) < _new(one, metric) - LITTLE_MOVED:
-            return there
-    return None
-
-
-def _instrumented_move(one: Candidate, metric: Whitening) -> FloatArray:
-    """Of the free parameters, less than all the way to their bounds: a bound itself may have no response."""
-    J, Z, e = metric(one.J), metric(one.J_imposed), metric(_residual(one))[0]
-    return SHY * _within_bounds(one, Z @ J.T, Z @ e)
-
-
-def _covariance(one: Candidate, metric: Whitening) -> FloatArray:
-    """Of all parameters, (parameters, parameters); zero for those that are not free."""
-    names, J = one.model.structure.names, metric(one.J)
-    free = [names.index(name) for name in one.free]
-    found = np.zeros((len(names), len(names)))
-    found[np.ix_(free, free)] = np.linalg.pinv(J @ J.T, hermitian=True)
-    return found
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Stepped:
     """A candidate in white rows, its free parameters moved to where the imposed commands leave no residual to them.
 
@@ -373,7 +304,26 @@ class Stepped:
     """(b, N), sensitivities by the commands as flown."""
     Z: FloatArray
     """(b, N), the instruments: sensitivities by the imposed commands."""
+    shown: Shown | None = None
+    """Where the excitation shows; None where none is logged."""
+    on_samples: bool = False
+    """Whether something in it acts on samples of the commands."""
     _envelope: list[Envelope] = field(default_factory=list)
+
+    @cached_property
+    def told(self) -> FloatArray:
+        """(N,), of `imposed` what tells models apart (`Shown.told`); all of it where no excitation is logged."""
+        return self.imposed if self.shown is None else self.shown.told(self.imposed[None])[0]
+
+    @cached_property
+    def caused(self) -> FloatArray:
+        """What of the residual lies where the excitation shows; nothing where none is logged."""
+        return np.empty(0) if self.shown is None else self.shown.caused(self.residual)
+
+    @cached_property
+    def beyond(self) -> FloatArray:
+        """(N,), what of `told` does not lie there."""
+        return self.told if self.shown is None else self.shown.beyond(self.imposed)
 
     def envelope(self, whitening: Whitening) -> Envelope:
         """Of what is left over time, in the rows of its whitening; worked out once."""
@@ -383,16 +333,63 @@ class Stepped:
 
 
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
-    """One Gauss-Newton step of the free parameters, the instruments standing for the sensitivities on one side; none
-    goes beyond its bounds, where a lag would be a lead."""
-    J, Z = whitening(one.J), whitening(one.J_imposed)
-    e = whitening(_residual(one))[0]
+    """One Gauss-Newton step of the free parameters, the instruments standing for the sensitivities on one side, as far
+    as they tell; none goes beyond its bounds, where a lag would be a lead."""
+    white = White.of(one, whitening)
+    J, Z, e, shown = white.J, white.Z, white.residual, white.shown
     imposed = whitening([Y[None] for Y in one.Y_imposed])[0]
     if len(J):
-        move = _within_bounds(one, Z @ J.T, Z @ e)
+        move = white.move(one)
         if np.sum((e - move @ J) ** 2) < WORST_SETTLING * (e @ e):  # a jump has no slope to follow
             e, imposed = e - move @ J, imposed + move @ Z
-    return Stepped(e, imposed, J, Z)
+    on_samples = any(effect.samples is not None for effect in one.model.structure.composed)
+    return Stepped(residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class White:
+    """A candidate in white rows, as it is."""
+
+    residual: FloatArray
+    """(N,)"""
+    J: FloatArray
+    """(b, N)"""
+    Z: FloatArray
+    """(b, N), by the imposed commands."""
+    shown: Shown | None
+    """None where no excitation is logged."""
+
+    @classmethod
+    def of(cls, one: Candidate, whitening: Whitening) -> White:
+        by, shown = one.dataset.causes, None
+        if not one.dataset.beyond and gusts_kept_out(by.references):
+            shown = shown_by(whitening, by)
+        J = whitening(one.J)
+        Z = J if one.J_imposed is one.J else whitening(one.J_imposed)
+        return cls(whitening(_residual(one))[0], J, Z, shown)
+
+    @property
+    def left(self) -> float:
+        """Power where the excitation shows, or all of it where none is logged."""
+        rest = self.residual if self.shown is None else self.shown.caused(self.residual)
+        return float(rest @ rest)
+
+    def move(self, one: Candidate) -> FloatArray:
+        """Of the candidate's free parameters, between their bounds, to where the imposed commands leave least."""
+        J, Z, e, shown = self.J, self.Z, self.residual, self.shown
+        if shown is None:
+            return _within_bounds(one, Z @ J.T, Z @ e)
+        asked = shown.told(Z)
+        return _within_bounds(one, asked @ J.T, asked @ e)
+
+
+def covariance(one: Candidate, metric: Whitening) -> FloatArray:
+    """Of all parameters, (parameters, parameters); zero for those that are not free."""
+    names, J = one.model.structure.names, metric(one.J)
+    free = [names.index(name) for name in one.free]
+    found = np.zeros((len(names), len(names)))
+    found[np.ix_(free, free)] = np.linalg.pinv(J @ J.T, hermitian=True)
+    return found
 
 
 def _within_bounds(one: Candidate, H: FloatArray, g: FloatArray) -> FloatArray:
@@ -416,7 +413,13 @@ def gain(better: Stepped, worse: Stepped) -> tuple[float, float]:
     """How much more likely one makes the data than the other, in chi squared, and their distance in the same measure.
 
     |e_2|^2 - |e_1|^2 is the product of what the models differ by and the sum of their residuals; the difference is
-    taken from the imposed commands, so that gusts in the commands as flown favour neither.
+    taken from the imposed commands, so that gusts in the commands as flown favour neither, and where it tells: what is
+    slow is moved far apart by gusts in a loop. What acts on samples does in other gusts than those flown something else
+    to what was imposed; so there the squares are taken as they are, where the excitation shows.
     """
-    apart = better.imposed - worse.imposed
-    return float(apart @ (better.residual + worse.residual)), float(apart @ apart)
+    apart, left = better.imposed - worse.imposed, better.residual + worse.residual
+    if better.shown is None or worse.shown is None or not (better.on_samples or worse.on_samples):
+        more = (better.told - worse.told) @ left
+    else:
+        more = worse.caused @ worse.caused - better.caused @ better.caused + (better.beyond - worse.beyond) @ left
+    return float(more), float(apart @ apart)

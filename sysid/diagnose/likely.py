@@ -184,7 +184,7 @@ def same(one: Ranked, other: Ranked, winner: Ranked) -> bool:
     """Whether two predict the same, beside what the winner explains."""
     assert one.stepped is not None
     assert other.stepped is not None
-    apart = one.stepped.imposed - other.stepped.imposed
+    apart = one.stepped.told - other.stepped.told
     return float(apart @ apart) <= min(SAME_POWER, SAME_SHARE * max(winner.chi_squared, 0.0))
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from sysid.diagnose.by_noise import by_its_own_noise, by_the_noise, misled, predicting
 from sysid.diagnose.candidates import (
     CRUMBS,
     REMAINDER,
@@ -18,16 +19,18 @@ from sysid.diagnose.candidates import (
     residual_shares,
     values_outside,
 )
-from sysid.diagnose.evidence import Candidate, by_the_noise, predicting, refit
+from sysid.diagnose.evidence import Candidate, refit
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
+from sysid.model.acting import linear_dynamics
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model, Structure
 
-KEPT = 0.5
-"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
+KEPT, KEPT_ON_SAMPLES = 0.5, 0.7
+"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley; a limit far
+below the gusts had half of it, in a valley of these."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_BESIDE = 0.1
@@ -156,27 +159,52 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     """The refit; where it explains far less than the score promised, or fails, a better one from where the score was.
 
     Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
+    A linear entry beside one that takes simulations in time begins where the score was: to look at every beginning
+    would cost more than all else.
     """
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
         return replace(one, fit=None, not_testable=str(error))
-    fit, failure = _refit(composed, parent, one, None)
-    begin = _where_scored(one, composed, parent)
-    if begin is not None and one.score is not None and one.score.log_p_there < WORTH_THE_TIME:
-        explained = 0.0 if fit is None or _astray(fit, parent) else explained_by(fit, parent, parent.metric)
-        again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
-        if again is not None and explained_by(again, parent, parent.metric) > explained:
-            fit, explained = again, explained_by(again, parent, parent.metric)
-        if fit is not None and explained < KEPT * one.score.chi_squared and parent.division.measured:
-            again = by_the_noise(fit, begin, parent.metric)
-            if again is not None and explained_by(again, parent, parent.metric) > max(0.0, explained):
-                fit = again
+    near = _scored_in_time(one, composed, parent, users)
+    fit, failure = _refit(composed, parent, one, near)
+    if near is not None and fit is None:
+        fit, failure = _refit(composed, parent, one, None)
+    shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
+    begin = _where_scored(one, composed, parent) if shows else None
+    astray = False
+    if begin is not None:
+        fit, astray = _as_promised(fit, composed, parent, one, begin)
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
-    if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):
+    if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = predicting(fit, parent)
+    if astray or misled(fit, parent.metric):
+        again = by_its_own_noise(fit, fit.metric if astray else parent.metric)
+        if explained_by(again, parent, parent.metric) > explained_by(fit, parent, parent.metric):
+            fit = again
     return replace(one, fit=fit, not_testable=None)
+
+
+def _as_promised(
+    fit: Candidate | None, composed: Structure, parent: Candidate, one: Ranked, begin: Model
+) -> tuple[Candidate | None, bool]:
+    """The refit, or a better one from where the score was where it explains far less than that promised; and whether
+    that was found by the noise alone."""
+    assert one.score is not None
+    kept, metric = KEPT if composed.linear else KEPT_ON_SAMPLES, parent.metric
+    promised = kept * one.score.chi_squared
+    explained = 0.0 if fit is None or _astray(fit, parent) else explained_by(fit, parent, metric)
+    # what acts on samples ends in the same valley again
+    again = _refit(composed, parent, one, begin)[0] if explained < promised and composed.linear else None
+    if again is not None and explained_by(again, parent, metric) > explained:
+        fit, explained = again, explained_by(again, parent, metric)
+    if fit is None or explained >= promised or not parent.division.measured:
+        return fit, False
+    again = by_the_noise(fit, begin, metric)
+    if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
+        return fit, False
+    return again, True
 
 
 def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
@@ -203,11 +231,24 @@ def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | No
         return None, str(error)
 
 
+def _scored_in_time(one: Ranked, composed: Structure, parent: Candidate, users: Sequence[Effect]) -> Model | None:
+    """The parent, which takes simulations in time, with a linear entry as it was scored; None of all else: what is not
+    linear has other sizes than one step promises."""
+    if one.score is None or linear_dynamics(composed) or not named_effect(one.effect, users).linear:
+        return None
+    return _inside(composed, dict(one.score.at) | parent.model.by_name)
+
+
 def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
-    """The parent with the sizes of the score; None where it takes simulations, or they are not all known, or one is
+    """The parent with the sizes of the score; None where a response has to settle, or they are not all known, or one is
     beyond what it may be: that size of a score says that there is none."""
     values = parent.model.by_name | ({} if one.score is None else dict(one.score.at))
-    if not composed.linear or not set(composed.names) <= set(values):
+    return _inside(composed, values) if linear_dynamics(composed) else None
+
+
+def _inside(composed: Structure, values: Mapping[str, float]) -> Model | None:
+    """The composition at these values; None where one is missing, or not within its bounds."""
+    if not set(composed.names) <= set(values):
         return None
     if any(not each.bounds[0] < values[each.name] < each.bounds[1] for each in composed.parameters):
         return None

@@ -230,11 +230,13 @@ class _Question:
                 flown = [_Flown(composed, values, of.dataset) for values in places]
                 imposed = [self._imposed_at(values, Y) for values, Y in zip(places, flown, strict=True)]
                 D = None
-                if sized:
+                if sized and not of.dataset.beyond:
                     D = whitening([np.stack([Y[g] - base for Y in flown]) for g, base in enumerate(self.Y)])
         except (RelaxationError, np.linalg.LinAlgError):
             return None
         Z = whitening([np.stack([Y[g] - base for Y in imposed]) for g, base in enumerate(self.Y_imposed)])
+        if sized and of.dataset.beyond:  # there the imposed commands are those as flown
+            D = Z
         return (D, Z) if np.all(np.isfinite(Z)) and (D is None or np.all(np.isfinite(D))) else None
 
     def _imposed_at(self, values: Mapping[str, float], flown: Sequence[ComplexArray]) -> list[ComplexArray]:

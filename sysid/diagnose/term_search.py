@@ -310,7 +310,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
     if not numbers:
         return []
     D = whitening(_together([known.answers(number) for number in numbers]))
-    Z = whitening(_together([known.answers(number, True) for number in numbers]))
+    Z = D if known.as_flown else whitening(_together([known.answers(number, True) for number in numbers]))
     Z = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
     envelope, told = stepped.envelope(whitening), rows_that_tell_sizes(whitening)
     found = []
@@ -362,11 +362,13 @@ def _as_well(better: _Step, other: _Step) -> bool:
 def _settled(parent: Candidate, known: CandidateTerms, numbers: Sequence[int], whitening: Whitening) -> Stepped:
     """As `settle` does, with entries among the parameters."""
     moved = whitening(_together([parent.J, *(known.answers(number) for number in numbers)]))
-    asked = whitening(_together([parent.J_imposed, *(known.answers(number, True) for number in numbers)]))
+    asked = moved
+    if not (known.as_flown and parent.J_imposed is parent.J):
+        asked = whitening(_together([parent.J_imposed, *(known.answers(number, True) for number in numbers)]))
     e = whitening(_residual(parent))[0]
     imposed = whitening([Y[None] for Y in parent.Y_imposed])[0]
     move = instrumental_inverse(asked, moved) @ (asked @ e)
-    return Stepped(e - move @ moved, imposed + move @ asked, moved, asked)
+    return Stepped(residual=e - move @ moved, imposed=imposed + move @ asked, J=moved, Z=asked)
 
 
 def _residual(parent: Candidate) -> list[ComplexArray]:

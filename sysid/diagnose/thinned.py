@@ -8,7 +8,7 @@ large commands are is asked at the frequencies where such a log shows that.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,12 +27,17 @@ SAMPLES_OF_A_PERIOD = 20.0
 samples, too, and what is small seems to be answered less than what is large, as in play. Clean flights of small
 helicopters logged at 50 Hz showed play, or a term, at up to log10 p -18 by all commands, and -3 by these; one logged
 at 100 Hz -7 by those with 12, and -2 by these."""
-FOLDED = 0.01
+FOLDED = 0.004
 """Of a command's power in the band, just below half the log's rate, from which on what folds back from beyond cannot be
 neglected: doublets at 50 Hz had 0.025 to 0.07, and left 20 to 35 % of their answer unexplained by the truth itself;
-chirps 0.002 and less."""
+chirps 0.002 and less. At 125 of 250 Hz
+they had 0.0076 and 0.01, and left more than ten times their noise."""
 NEAR_THE_END = 0.8
 """Of half the rate: so far is just below."""
+USUAL_LOOP_S = 1 / 400
+"""How long a loop holds commands that nobody told of;"""
+LIKELY_LOOPS_S = 5e-4
+"""and how far, one standard deviation, others of 250 to 1000 Hz let them act from when this one does."""
 AS_MUCH = 0.25
 """Of the most that any command moves, in power, that one has to for its spectrum to count."""
 Fitted = Callable[[Dataset, Model], Candidate]
@@ -50,6 +55,31 @@ def as_held(
     nearly = fitted(held(parent.dataset, loop_s), parent.model)
     loop_s = loop_held_s(nearly.model, nearly.dataset, fixed) or loop_s
     return fitted(held(parent.dataset, loop_s), nearly.model), what, loop_s
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ByAUsualLoop:
+    """Runs taken as a usual loop would have held their commands."""
+
+    parent: Candidate
+    """Fitted to them."""
+    loop_s: float
+    what: CommandsThinned
+
+
+def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> ByAUsualLoop | None:
+    """The parent on its runs as a usual loop would have held their commands, fitted anew (`fitted`); None where the log
+    has or tells every loop, or they are taken as held no longer than by likely ones.
+
+    What the runs show of a hold beside a parent that lacks something may be what it lacks: a delay, as of a slow loop.
+    """
+    runs = parent.dataset
+    told = any(one.loop_dt_s is not None and one.loop_told_by != TOLD_BY for one in runs.records)
+    if told or max(held_s(piece.dt, piece.record) for piece in runs.pieces) < SLOW_S:
+        return None
+    sample_s = max(piece.dt for piece in runs.pieces)
+    what = CommandsThinned(0.5 * (sample_s - USUAL_LOOP_S), LIKELY_LOOPS_S, sample_s)
+    return ByAUsualLoop(fitted(held(runs, USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
 
 
 def held(runs: Dataset, loop_s: float) -> Dataset:

@@ -7,7 +7,7 @@ So the power of what a model leaves is followed over time, and tests are held ag
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,12 @@ FEWEST = 6
 """and over how many bins' worth of time at least."""
 ROUGH = 1.5
 """Times the scatter of steady noise's power from one such time to the next, from which on it comes in bursts."""
+LOOKS = (8, 16, 32)
+"""Draws of what chance makes, after which it is asked whether more of them could change the answer,"""
+UNLIKELY = 1e-3
+"""but for this chance that these scatter so much more, or less, than all would."""
+SURE = 3.0
+"""Standard errors of their mean that it may be off by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +113,31 @@ def as_steady(chi_squared: float, degrees: int, mean: float, deviation: float) -
     there, here = deviation**2 / (9 * mean**2), 2 / (9 * degrees)
     z = ((chi_squared / mean) ** (1 / 3) - (1 - there)) / np.sqrt(there)
     return float(min(chi_squared, degrees * max(0.0, 1 - here + z * np.sqrt(here)) ** 3))
+
+
+def as_steady_by(draws: Iterable[float], chi_squared: float, degrees: int, within: float, beyond: float) -> float:
+    """The same by draws of what such noise makes of it, which are made while it may still be between `within` and
+    `beyond`: what is surely less, or more, is known well enough by the first of them."""
+    seen: list[float] = []
+    for one in draws:
+        seen.append(one)
+        if len(seen) in LOOKS:
+            least, most = _steady_between(chi_squared, degrees, seen)
+            if least >= beyond or most < within:
+                break
+    return as_steady(chi_squared, degrees, float(np.mean(seen)), float(np.std(seen)))
+
+
+def _steady_between(chi_squared: float, degrees: int, seen: Sequence[float]) -> tuple[float, float]:
+    """What it may be at least and at most by many more draws, which may be larger and scatter more than those seen."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.special import chdtri
+
+    mean, square, count = float(np.mean(seen)), float(np.var(seen)) * len(seen), len(seen)
+    narrow, wide = (float(np.sqrt(square / chdtri(count - 1, chance))) for chance in (UNLIKELY, 1 - UNLIKELY))
+    off = SURE / np.sqrt(count)
+    least = as_steady(chi_squared, degrees, mean + off * wide, wide)
+    return least, as_steady(chi_squared, degrees, max(mean - off * wide, 0.5 * mean), narrow)
 
 
 def as_known(chi_squared: float, degrees: int, freedom: float) -> float:

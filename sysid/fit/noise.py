@@ -10,6 +10,7 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
 from sysid.data.stacks import Stack, Windows
-from sysid.fit.bursts import as_steady
+from sysid.fit.bursts import as_steady_by
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import orthonormal_each
 from sysid.model.structure import FloatArray
@@ -37,13 +38,17 @@ LEAST_FREEDOM = 4
 WORTH_A_LOOK = 2.0
 """Standard deviations of chi squared, from which on it is asked what chance alone would make of it,"""
 SHIFTS = 60
-"""by so many draws of when each run's references were;"""
+"""by so many draws of when each run's references were, at most;"""
 FOUND = 1.5
 """Times what noise alone would have explained, that what is explained counts as noise at most: to references at another
 time it is noise, too, and what is surely none would make itself small;"""
 NO_CHANCE = 5.0
 """and standard deviations from which on it is none, and chi squared as large as it is."""
 LEAST_LEVEL = 1e-12
+FINER = 2 / 3
+"""Lower edge over upper of the lowest windows where white rows are looked at,"""
+BINS_FOR_EACH = 2
+"""that have so many bins for each unknown."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,6 +141,56 @@ def surprise(white: ComplexArray, stacks: Sequence[Stack], by: Causes) -> tuple[
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Caused:
+    """What the references span of white rows: there what was commanded shows, and little of the gusts."""
+
+    order: NDArray[np.intp]
+    """(bins,), window after window;"""
+    span: _Span
+
+    @classmethod
+    def by(cls, by: Causes, stacks: Sequence[Stack], below_hz: float = math.inf) -> Caused:
+        """Of bins below a frequency alone."""
+        frequency, segment, edges = _laid_out(stacks, WINDOW_HZ)
+        edges = _finer_below(edges, frequency, 2 * len(by.commands) + segment[-1] + 1)
+        scale = np.concatenate([group.scale for group in stacks])
+        order, starts = _cut(frequency, edges)
+        count = max(1, int(np.searchsorted(edges[1:], below_hz, side="right")))
+        edges, starts = edges[: count + 1], starts[: count + 1]
+        order = order[: starts[-1]]
+        z = (scale * np.concatenate(by.reference, axis=1))[:, order]
+        return cls(order=order, span=_Span.of(z, _places(frequency[order], edges, starts), segment[order], starts))
+
+    def of(self, white: ComplexArray) -> FloatArray:
+        """Of white rows (k, bins), all stacks', what lies in that span: real numbers whose noise is white, too."""
+        there = self.span.windows.of(white[:, self.order]) @ self.span.basis.conj().swapaxes(1, 2)
+        return np.ascontiguousarray(there).view(float).ravel()
+
+    def beyond(self, white: ComplexArray) -> ComplexArray:
+        """Of white rows (k, bins) what does not lie there."""
+        rest = white.copy()
+        rest[:, self.order] = self.beyond_there(white[:, self.order])
+        return rest
+
+    def beyond_there(self, white: ComplexArray) -> ComplexArray:
+        """The same of rows (r, bins) whose bins are in this order."""
+        windows, basis = self.span.windows, self.span.basis
+        Y = windows.of(white)
+        return windows.back(Y - (Y @ basis.conj().swapaxes(1, 2)) @ basis)
+
+    def power_beyond(self, white: ComplexArray) -> FloatArray:
+        """(bins,), of white rows (k, bins) the power that does not lie there, all outputs together: about 2 k, were it
+        white noise."""
+        span, rest = self.span, self.beyond_there(white[:, self.order])
+        bins = span.unknown + span.free + span.ends.unknown
+        power = np.empty(self.order.size)
+        power[self.order] = np.sum(np.abs(rest) ** 2, axis=0) * np.repeat(
+            bins / np.maximum(bins - span.unknown, 1), bins
+        )
+        return power
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Asked:
     """Bins held against what the references span, window by window."""
 
@@ -160,15 +215,10 @@ class _Asked:
     @classmethod
     def of(cls, y: ComplexArray, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Asked:
         scale = np.concatenate([group.scale for group in stacks])
-        frequency = np.concatenate([group.frequency_hz for group in stacks])
+        frequency, segment, edges = _laid_out(stacks, window_hz)
         x, z = (scale * np.concatenate(each, axis=1) for each in (by.caused, by.reference))
-        sizes = [part.stop - part.start for group in stacks for part in group.slices]
-        segment = np.repeat(np.arange(len(sizes)), sizes)
-        count = max(1, round((float(frequency.max()) - float(frequency.min())) / window_hz))
-        edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
         order, starts = _cut(frequency, edges)
-        half = 0.5 * (edges[1] - edges[0])
-        place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
+        place = _places(frequency[order], edges, starts)
         y, x, z = (each[:, order] for each in (y, x, z))
         spectra = [one for group in stacks for one in group.spectra]
         seconds = np.array([one.samples * one.dt for one in spectra])
@@ -194,9 +244,10 @@ class _Asked:
         chi_squared, degrees = _surprise(asked.found, asked.rest, asked.unknown, asked.free, tiny)
         if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
             noise = self._noise()
-            by_chance = [self._shifted(noise, rng, tiny) for rng in np.random.default_rng(1).spawn(SHIFTS)]
-            steady = as_steady(chi_squared, degrees, float(np.mean(by_chance)), float(np.std(by_chance)))
-            if steady < degrees + NO_CHANCE * np.sqrt(2 * degrees):
+            draws = (self._shifted(noise, rng, tiny) for rng in np.random.default_rng(1).spawn(SHIFTS))
+            within, beyond = (float(degrees + times * np.sqrt(2 * degrees)) for times in (WORTH_A_LOOK, NO_CHANCE))
+            steady = as_steady_by(draws, chi_squared, degrees, within, beyond)
+            if steady < beyond:
                 chi_squared = steady
         return chi_squared, degrees
 
@@ -216,6 +267,38 @@ class _Asked:
         span = _Span.of(shifted, self.place, self.segment, self.starts)
         found, rest = span.shares(noise)
         return _surprise(found, rest, span.unknown.astype(float), span.free.astype(float), tiny)[0]
+
+
+def _laid_out(stacks: Sequence[Stack], window_hz: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+    """Frequencies of all bins, the segments that they belong to, and the windows' edges."""
+    frequency = np.concatenate([group.frequency_hz for group in stacks])
+    sizes = [part.stop - part.start for group in stacks for part in group.slices]
+    low, high = float(frequency.min()), float(frequency.max())
+    count = max(1, round((high - low) / window_hz))
+    return frequency, np.repeat(np.arange(len(sizes)), sizes), np.linspace(low, high, count + 1)
+
+
+def _finer_below(edges_hz: FloatArray, frequency_hz: FloatArray, unknowns: int) -> FloatArray:
+    """Windows' edges with the lowest two cut where a third of the frequency fits, as far as each has bins for so many
+    unknowns: slow answers turn within them, and slow noise is steep."""
+    high = edges_hz[min(2, edges_hz.size - 1)]
+    found, ordered = [high], np.sort(frequency_hz)
+    while True:
+        next_down = min(found[-1] * FINER, ordered[np.searchsorted(ordered, found[-1]) - 1])
+        below = np.searchsorted(ordered, next_down)
+        if np.searchsorted(ordered, found[-1]) - below < BINS_FOR_EACH * unknowns:
+            next_down = ordered[max(np.searchsorted(ordered, found[-1]) - BINS_FOR_EACH * unknowns, 0)]
+            below = np.searchsorted(ordered, next_down)
+        if below < BINS_FOR_EACH * unknowns:
+            break
+        found.append(float(next_down))
+    return np.array([edges_hz[0], *found[::-1], *edges_hz[edges_hz > high]])
+
+
+def _places(frequency_hz: FloatArray, edges_hz: FloatArray, starts: NDArray[np.int64]) -> FloatArray:
+    """Where each bin, window after window, is within its window, -1..1."""
+    half, count = 0.5 * np.diff(edges_hz), np.diff(starts)
+    return np.asarray((frequency_hz - np.repeat(edges_hz[:-1] + half, count)) / np.repeat(half, count))
 
 
 def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -26,6 +26,8 @@ STABILITY_MARGIN = 0.1  # 1/s
 CERTAIN = 2.0
 """Standard errors of a pole's real part, above zero, from which on the data say that it is unstable."""
 STEPS = 10
+SMALLEST_COMMON = 1e-12
+"""Of a pole's left and right vector of length one: below it, it stands there twice and has no slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,9 @@ def _steadied(free: Estimate, bins: Bins) -> Settled | None:
         return None
     values, before = free.model.values.copy(), None
     for _ in range(STEPS):
-        real, slopes = _largest_pole(Model(structure, values))
+        real, slopes = largest_pole(Model(structure, values))
+        if slopes is None:
+            return None
         spread = float(np.sqrt(slopes @ free.covariance @ slopes))
         if before is None:
             before = real, spread
@@ -94,13 +98,19 @@ def _steadied(free: Estimate, bins: Bins) -> Settled | None:
     return Settled(replace(free, model=model, error=output_error(model, bins.stacks)), moved=before)
 
 
-def _largest_pole(model: Model) -> tuple[float, FloatArray]:
-    """The largest real part of a pole, 1/s, and its slopes to the parameters."""
+def largest_pole(model: Model) -> tuple[float, FloatArray | None]:
+    """The largest real part of a pole, 1/s, and its slopes to the parameters; None where two fell together there."""
     matrices = model.structure.matrices(stepped(model.values))
     A = matrices.A[0].real
     poles, right = np.linalg.eig(A)
     at = int(np.argmax(poles.real))
-    left = np.linalg.inv(right)[at]
+    # of this pole alone: others that fell together, as critically damped servos' do, have no inverse
+    mirrored, others = np.linalg.eig(A.T)
+    left = others[:, int(np.argmin(np.abs(mirrored - poles[at])))]
+    common = left @ right[:, at]
+    if abs(common) < SMALLEST_COMMON:
+        return float(poles[at].real), None
+    left = left / common
     return float(poles[at].real), np.asarray(((left @ (matrices.A.imag / COMPLEX_STEP)) @ right[:, at]).real)
 
 

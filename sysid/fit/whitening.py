@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
@@ -55,6 +57,37 @@ class Whitening:
                 some = rows(white[..., part])
                 parts.append(some - (some @ basis.T) @ basis)
         return np.concatenate(parts, axis=1)
+
+    def louder(self, times: FloatArray) -> Whitening:
+        """By noise that is so many times as loud, (bins,), all stacks', in standard deviations."""
+        parts = np.split(times, np.cumsum([group.frequency_hz.size for group in self.stacks])[:-1])
+        ends = [
+            [
+                orthonormal(basis / np.tile(np.repeat(some[part], 2), len(group.Y)))
+                for part, basis in zip(group.slices, bases, strict=True)
+            ]
+            for group, some, bases in zip(self.stacks, parts, self.ends, strict=True)
+        ]
+        whitener = [white / some[:, None, None] for white, some in zip(self.whitener, parts, strict=True)]
+        return Whitening(self.stacks, whitener, ends)
+
+    def row(self, white: ComplexArray) -> FloatArray:
+        """Of white bins (k, bins), stack after stack, the row (N,) that they are."""
+        edges = np.cumsum([0, *(part.stop - part.start for group in self.stacks for part in group.slices)])
+        return np.concatenate([rows(white[None, :, i:j])[0] for i, j in itertools.pairwise(edges)])
+
+    def less(self, rows: FloatArray, of: NDArray[np.intp], part: Callable[[ComplexArray], ComplexArray]) -> FloatArray:
+        """Rows (r, N) less a part of the bins of these numbers: of (r, bins) of one output at a time (r, bins)."""
+        found, k = rows.copy(), len(self.stacks[0].Y)
+        sizes = np.array([one.stop - one.start for group in self.stacks for one in group.slices])
+        begins = np.cumsum(sizes) - sizes
+        segment = np.searchsorted(begins, of, side="right") - 1
+        first = k * begins[segment] + of - begins[segment]
+        complex_rows = found.view(complex)
+        for output in range(k):
+            there = first + output * sizes[segment]
+            complex_rows[:, there] -= part(complex_rows[:, there])
+        return found
 
     def bins(self, row: FloatArray) -> ComplexArray:
         """Of a row (N,) its bins, (k, bins), stack after stack."""

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,8 +19,11 @@ from sysid.model.structure import FloatArray, Structure, discretise, recursion
 
 STEP = 1e-3
 """Of a parameter, for differences."""
-LARGE_STEP = 1e-2
-"""Of a parameter, to see whether it moves the commands steadily."""
+LARGE_STEP, PARTS = 1e-2, 8
+"""Of a parameter, to see whether it moves the commands steadily; and the parts that the step is taken in."""
+STEADY = PARTS**0.25
+"""How many times the root sum of squares of the parts' changes the whole one is at least, where it does: between the
+root of PARTS, where each part changes the same, and 1, where no part changes what another does."""
 KEPT = 4
 """Bins of acting commands, for each run."""
 
@@ -46,8 +51,8 @@ def behind(structure: Structure, values: FloatArray, stack: Stack) -> Stack:
 def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]:
     """Parameters with which the acting samples jump (dead band), so that there is no derivative to them.
 
-    What moves steadily changes 16 times less for a 16 times smaller step; of jumps there are 16 times fewer, and the
-    root of their sum of squares is 4 times less.
+    What moves steadily moves in each part of a step alike; of jumps each falls into one part, and some parts have none:
+    squares add up.
     """
     front, _ = divided(structure)
     names = [name for effect in front for name in effect.names if effect.samples is not None]
@@ -56,12 +61,14 @@ def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]
     named = structure.by_name(values)
     segment = stack.spectra[0].segment
 
-    def change(name: str, step: float) -> float:
-        moved = in_time(structure, front, segment, {**named, name: (1 + step) * named[name]})
-        return float(np.linalg.norm(moved - here))
+    def jumps(name: str) -> bool:
+        steps = 1 + LARGE_STEP * np.arange(PARTS + 1) / PARTS
+        acting = [in_time(structure, front, segment, {**named, name: one * named[name]}) for one in steps.tolist()]
+        parts = math.sqrt(sum(float(np.sum((there - here) ** 2)) for here, there in pairwise(acting)))
+        whole = float(np.linalg.norm(acting[-1] - acting[0]))
+        return bool(0 < whole < STEADY * parts)
 
-    here = in_time(structure, front, segment, named)
-    return [name for name in names if 0 < change(name, LARGE_STEP) < 8 * change(name, LARGE_STEP / 16)]
+    return [name for name in names if jumps(name)]
 
 
 def linear_dynamics(structure: Structure) -> bool:

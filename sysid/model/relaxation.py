@@ -6,7 +6,7 @@ history. Derivatives are steps of each parameter from where the response settled
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -32,8 +32,11 @@ STEADY = 0.1
 """Change of a response, below which the next relaxation begins where the last ones point to;"""
 POINTING = 5
 """so many of them, beside the last."""
-TOGETHER = 3
-"""Parameters side by side: more would cost memory and save no time."""
+TOGETHER = 24_000
+"""Samples of a state, of parameters side by side: with more of them arrays leave the processor's cache, with fewer it
+is calls that take the time."""
+FEWEST_TOGETHER = 3
+"""Parameters side by side, however long the run."""
 KEPT = 8
 """Responses of single runs: of the last two sets of values, most often."""
 WORST_RESIDUE_CONDITION = 1e5
@@ -67,51 +70,69 @@ def relaxed_response(
 
     With inputs U (m, bins) in place of the logged ones there are no end states, which the measured rates would show.
     """
-    front, rest = divided(structure)
-    outside = {name for effect in front for name in effect.names}
-    named = structure.by_name(values)
-    at_values = (structure, tuple(values.tolist()))
+    rest, at_values = divided(structure)[1], (structure, tuple(values.tolist()))
     stepping = structure.names if of is None else tuple(structure.names[i] for i in of)
-    count = len(stepping) if sensitivities else 0
     Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
     E = np.empty((len(rest.states), *Y.shape), dtype=complex)
-    J = np.empty((count, *Y.shape), dtype=complex)
+    J = np.empty((len(stepping), *Y.shape), dtype=complex) if sensitivities else None
     for one, part in zip(stack.spectra, stack.slices, strict=True):
         if U is None:
-            run, logged, settled = _as_flown(*at_values, one)
+            answer = _as_flown(*at_values, one)
         else:
-            one = driven_by(one, U[:, part])
-            run, logged, settled = _answer(*at_values, one, ended=False)
-        Y[:, part], E[..., part] = settled.Y, settled.E
-        for first in range(0, count, TOGETHER):
-            names = stepping[first : first + TOGETHER]
-            batch = [_step(structure, named, name) for name in names]
-            acting = [
-                run.commands(in_time(structure, front, one.segment, at), at)
-                if name in outside or name in run.late
-                else logged
-                for name, at in zip(names, batch, strict=True)
-            ]
-            steps = np.array([at[name] - named[name] for name, at in zip(names, batch, strict=True)])
-            moved = _settle_beside(run, settled, [named, *batch], [logged, *acting])
-            J[first : first + TOGETHER, :, part] = moved / steps[:, None, None]
-    return Response(Y, E, J if sensitivities else None)
+            answer = _answer(*at_values, driven_by(one, U[:, part]), ended=False)
+        Y[:, part], E[..., part] = answer.settled.Y, answer.settled.E
+        if J is not None:
+            J[..., part] = answer.slopes(stepping)
+    return Response(Y, E, J)
 
 
-def _answer(
-    structure: Structure, values: tuple[float, ...], one: Spectrum, ended: bool
-) -> tuple[_Run, ComplexArray, _Settled]:
-    """A run, the bins of the commands that act in it, and the response to these."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Answer:
+    """A run at some values."""
+
+    structure: Structure
+    named: Mapping[str, float]
+    run: _Run
+    acting: ComplexArray
+    """Bins of the commands that act in it, (commands, bins),"""
+    settled: _Settled
+    """and the response to these."""
+    _slopes: dict[tuple[str, ...], ComplexArray] = field(default_factory=dict)
+
+    def slopes(self, names: tuple[str, ...]) -> ComplexArray:
+        """Derivatives of the outputs to these parameters, (names, k, bins of the band). Worked out once: a fit weighs
+        them anew, and what judges it asks at the values where it ended."""
+        if names not in self._slopes:
+            size = self.run.together
+            parts = [self._moved(names[first : first + size]) for first in range(0, len(names), size)]
+            self._slopes[names] = np.concatenate([np.empty((0, *self.settled.Y.shape), dtype=complex), *parts])
+        return self._slopes[names]
+
+    def _moved(self, names: tuple[str, ...]) -> ComplexArray:
+        front, run = divided(self.structure)[0], self.run
+        outside = {*run.late, *(name for effect in front for name in effect.names)}
+        batch = [_step(self.structure, self.named, name) for name in names]
+        acting = [
+            run.commands(in_time(self.structure, front, run.one.segment, at), at) if name in outside else self.acting
+            for name, at in zip(names, batch, strict=True)
+        ]
+        steps = np.array([at[name] - self.named[name] for name, at in zip(names, batch, strict=True)])
+        moved = _settle_beside(run, self.settled, [self.named, *batch], [self.acting, *acting])
+        return np.asarray(moved / steps[:, None, None])
+
+
+def _answer(structure: Structure, values: tuple[float, ...], one: Spectrum, ended: bool) -> _Answer:
     front, rest = divided(structure)
     named = structure.by_name(np.array(values))
     run = _Run(rest, one)
     acting = run.commands(in_time(structure, front, one.segment, named), named)
-    return run, acting, _settle(run, named, acting, ended)
+    settled = _settle(run, named, acting, ended)
+    return _Answer(structure=structure, named=named, run=run, acting=acting, settled=settled)
 
 
 @lru_cache(maxsize=KEPT)
-def _as_flown(structure: Structure, values: tuple[float, ...], one: Spectrum) -> tuple[_Run, ComplexArray, _Settled]:
-    """The same with the free motion. Kept: what is left is asked first, derivatives and errors at the same values."""
+def _as_flown(structure: Structure, values: tuple[float, ...], one: Spectrum) -> _Answer:
+    """With the free motion. Kept: what is left is asked first, derivatives and errors at the same values."""
     return _answer(structure, values, one, ended=True)
 
 
@@ -134,6 +155,7 @@ class _Run:
         wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
         self.bins = 1 + min(int(wide * samples * dt + 1e-6), (samples - 1) // 2)
         self.grid = next_fast_len(3 * self.bins)
+        self.together = max(FEWEST_TOGETHER, TOGETHER // self.grid)
         self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
         held_s = one.segment.held_s
         self.hold = np.sinc(np.arange(self.bins) / samples * (held_s / dt)) * np.exp(-0.5 * self.s * held_s)
@@ -180,9 +202,12 @@ class _Run:
         }
         parameters = {name: np.array([at[name] for at in batch])[:, None] for name in structure.names}
         rates, measured = structure.evaluate(parameters, signals)
-        shape = x[:, 0].shape
-        rhs = np.stack([np.broadcast_to(rates[f"{state}_dot"], shape) for state in structure.states], axis=1)
-        return x, rhs, np.stack([np.broadcast_to(measured[name], shape) for name in structure.outputs], axis=1)
+        rhs, outputs = np.empty_like(x), np.empty((len(x), len(structure.outputs), x.shape[2]))
+        for i, state in enumerate(structure.states):
+            rhs[:, i] = rates[f"{state}_dot"]
+        for i, name in enumerate(structure.outputs):
+            outputs[:, i] = measured[name]
+        return x, rhs, outputs
 
     def resolvent(self, A: FloatArray) -> ComplexArray:
         """(s - A)^-1, (n, n, bins), nothing at bin zero."""
@@ -241,13 +266,15 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
     unseen = np.max(np.abs(transfer[rows]), (0, 2)) <= UNSEEN * np.max(np.abs(transfer), (0, 2))
     outputs, last = X[rows], np.inf
     before: list[tuple[ComplexArray, ComplexArray]] = []
+    free = np.zeros_like(X)
     for count in range(RELAXATIONS):
-        # the free motion from the run's end states, as the measured rates show it
-        E = transfer[rows][:, :, inside].transpose(1, 0, 2)
-        E[unseen] = 0
-        rest = (run.one.Y - outputs[:, inside]).reshape(-1).view(float)
-        ends = _explaining(np.ascontiguousarray(E).reshape(n, -1).view(float), rest) if ended else np.zeros(n)
-        free = np.einsum("ijf,j->if", transfer, ends)
+        if count <= nearer_in:  # the last ones by the same linear part
+            E = transfer[rows][:, :, inside].transpose(1, 0, 2)
+            E[unseen] = 0
+            explaining = _Explaining.by(np.ascontiguousarray(E).reshape(n, -1).view(float)) if ended else None
+        if explaining is not None:  # the free motion from the run's end states, as the measured rates show it
+            ends = explaining.of((run.one.Y - outputs[:, inside]).reshape(-1).view(float))
+            free = np.einsum("ijf,j->if", transfer, ends)
         x, rates, y = run.evaluate([named], (X + free)[None], u[None])
         other = rates[0] - A @ x[0] - B @ u
         if count < nearer_in:
@@ -280,14 +307,31 @@ def _pointed_to(before: Sequence[tuple[ComplexArray, ComplexArray]]) -> ComplexA
     return np.asarray(there - np.tensordot(shares, np.stack([there - to for _, to in others]), 1))
 
 
-def _explaining(E: FloatArray, rest: FloatArray) -> FloatArray:
-    """How much of each row of E (n, N) explains the rest (N,) best, by inner products; weak combinations nothing."""
-    gram, along = E @ E.T, E @ rest
-    if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(along))):  # LAPACK would print that on the terminal
+class _Explaining(NamedTuple):
+    """How much of each row of E (n, N) explains something best, by inner products; weak combinations nothing."""
+
+    E: FloatArray
+    size: FloatArray
+    inverse: FloatArray
+    """Of the inner products of rows of size 1."""
+
+    @classmethod
+    def by(cls, E: FloatArray) -> _Explaining:
+        gram = _settling(E @ E.T)
+        size = np.sqrt(np.diag(gram))
+        size = np.where(size > 0, size, 1.0)
+        return cls(E, size, np.linalg.pinv(gram / np.outer(size, size), ENDS_RANK, hermitian=True))
+
+    def of(self, rest: FloatArray) -> FloatArray:
+        """Of what is left (N,) by each row, (n,)."""
+        return np.asarray(self.inverse @ (_settling(self.E @ rest) / self.size) / self.size)
+
+
+def _settling(products: FloatArray) -> FloatArray:
+    """The same, where it is finite: LAPACK would print on the terminal what is not."""
+    if not np.all(np.isfinite(products)):
         raise RelaxationError("the response grows without limit")
-    size = np.sqrt(np.diag(gram))
-    size = np.where(size > 0, size, 1.0)
-    return np.asarray(np.linalg.pinv(gram / np.outer(size, size), ENDS_RANK, hermitian=True) @ (along / size) / size)
+    return products
 
 
 def _settle_beside(

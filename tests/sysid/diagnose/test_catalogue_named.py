@@ -17,7 +17,9 @@ from planted_fits import UNLOGGED, records
 from sitl.plants.stock import Quadrotor, make_stock_plant
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
+from sysid.diagnose.candidates import SIGNIFICANT
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 
@@ -105,7 +107,10 @@ def test_a_filter_that_the_log_tells_of_is_applied_and_not_fitted() -> None:
     assert found.winner.added == 0
     free = judged(records(runs)).winner
     assert free is not None
-    assert found.winner.delta_bic < free.delta_bic
+    assert found.winner.fit is not None
+    left = found.winner.fit.division
+    assert log_chance(left.chi_squared, left.degrees) > SIGNIFICANT, "as it is told, it leaves noise"
+    assert found.winner.chi_squared > 0.99 * free.chi_squared
 
 
 def motors(seed: int) -> list[Record]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -148,6 +149,7 @@ def test_ctrl_c_ends_the_search_and_keeps_what_was_found(
         return done(*args)
 
     monkeypatch.setattr(chains, work, interrupted)
+    monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)  # it goes on after the first chain
     found = asked(flight)
     assert count == pressed, "nothing more is tried"
     assert len(found.pairs) == pairs
@@ -234,3 +236,35 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     assert names == ["gyro_filter", "gyro_lag"]
     assert "attitude_stiffness" in [one.effect for one in search.like_alone("speed_stability")]
     assert [one.effect for one in search.like_alone("slipstream_wing")] == ["slipstream_wing"], "what is plausible"
+
+
+def test_what_is_dear_takes_the_place_of_a_half_only_where_it_may_be_as_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    delay, damping = alone("transport_delay", 2469.0), scored("quadratic_damping", 81.0)
+    near, far = alone("lead_lag", 2470.0), alone("servo_lag", 2331.0)
+    search = search_of(False, delay, near, far)
+    both = ("quadratic_damping", "transport_delay")
+    search.found[both] = replace(alone("", 2544.0), effects=both)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    assert search.not_too_dear(near, damping)
+    assert not search.not_too_dear(far, damping)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.PRICES["linear"])
+    assert search.not_too_dear(far, damping)
+
+
+def test_what_is_dear_is_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By then the best chain may be out of its reach."""
+    tried: list[str] = []
+    first = replace(alone("servo_lag", 900.0), stepped=cast("Any", object()))
+    seconds = [scored("quadratic_damping", 300.0), scored("speed_stability", 200.0)]
+    search = search_of(False, first)
+    whitening = cast("Any", object())
+    search.reference = cast("Any", SimpleNamespace(whitening=whitening, users=()))
+    begun = SimpleNamespace(asked_in=lambda _: None, division=None)
+    first = replace(first, fit=cast("Any", begun))
+    dear = {"quadratic_damping": chains.DEAR}
+    monkeypatch.setattr(chains, "score_effects", lambda *_: seconds)
+    monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda _, one, __: dear.get(one.effect, 2.0))
+    monkeypatch.setattr(chains._Chains, "fit", lambda _, __, one: tried.append(one.effect))
+    assert search.begin_with(first)
+    assert tried == ["speed_stability", "quadratic_damping"]

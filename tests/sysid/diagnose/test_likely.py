@@ -208,6 +208,19 @@ def test_a_chain_that_is_much_likelier_explains_clearly_more_where_powers_do_not
     assert choice.winner([one], [replace(both, outside=("k_l",))]) is one, "by doubtful values"
 
 
+def test_of_two_the_likelier_half_is_named_though_another_has_fewer_numbers() -> None:
+    lag = refitted("servo_lag", 0.05 * CHI_SQUARED, 0, explained_share=0.93)
+    damped = replace(
+        refitted("angular_damping", 0.0, 1, explained_share=1.0, added=3, outside=("M_q",)),
+        effects=("servo_lag", "angular_damping"),
+    )
+    crumb = replace(
+        refitted("servo_rate_limit", 0.04 * CHI_SQUARED, 2, explained_share=0.97, added=2),
+        effects=("servo_lag", "servo_rate_limit"),
+    )
+    assert choice.winner([lag], [damped, crumb]) is damped
+
+
 def test_what_explains_all_is_named_before_what_is_likelier_by_a_hair() -> None:
     lag = refitted("gyro_lag", 0.0, 0, explained_share=0.02)
     inflow = refitted("dynamic_inflow", 6.0, 1, explained_share=1.0, added=2)

@@ -7,7 +7,7 @@ from strangers.asking import ask, records
 from strangers.flights import fly
 
 from sysid.data.dataset import prepared
-from sysid.diagnose import diagnose, refits, shares, verdict
+from sysid.diagnose import diagnose, refits, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import axes
 from sysid.fit.clocks import thinned_loop
@@ -59,9 +59,6 @@ def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) 
     """What the commands do is known best at 2 Hz, and its numbers too vaguely for powers to tell what it explains."""
     found = asked(SLOW_MOTORS)
     assert (found.verdict, found.effect) == ("missing", "motor_lag")
-    with monkeypatch.context() as patch:
-        patch.setattr(shares, "_left_by_chance", lambda _: 0.0)
-        assert asked(SLOW_MOTORS).verdict == "unexplained"
     monkeypatch.setattr(axes, "EFFECTIVE_HZ", (1.0,))
     (motors,) = [one for one in asked(SLOW_MOTORS).candidates if one.effect == "motor_lag"]
     assert motors.fit is None

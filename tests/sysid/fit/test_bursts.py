@@ -15,7 +15,7 @@ from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.diagnose.score import log_chance
-from sysid.fit.bursts import Envelope, as_known, as_steady
+from sysid.fit.bursts import Envelope, as_known, as_steady, as_steady_by
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
 from sysid.model.paper import TPP
@@ -131,3 +131,22 @@ def test_estimated_noise_is_exceeded_as_often_as_f_says() -> None:
     estimated = draws.chisquare(2, 200_000) / (draws.chisquare(20, 200_000) / 20)
     limit = float(np.quantile(estimated, 0.999))
     assert as_known(limit, 2, 20.0) == pytest.approx(chi2.isf(0.001, 2), rel=0.06)
+
+
+@pytest.mark.parametrize("spread", [1.0, 3.0])
+def test_few_draws_say_what_all_would_and_near_a_limit_all_are_made(spread: float) -> None:
+    degrees, all_draws, looks = 200, 60, []
+    deviation = np.sqrt(2 * degrees)
+    within, beyond = degrees + 2 * deviation, degrees + 5 * deviation
+    for seed in range(20):
+        by_chance = degrees + spread * (np.random.default_rng(seed).chisquare(degrees, all_draws) - degrees)
+        for asked in np.linspace(3.0, 60.0, 20):
+            chi_squared, made = degrees + asked * deviation, iter(by_chance.tolist())
+            told = as_steady_by(made, chi_squared, degrees, within, beyond)
+            looks.append(all_draws - len(list(made)))
+            whole = as_steady(chi_squared, degrees, float(np.mean(by_chance)), float(np.std(by_chance)))
+            assert (told < within, told >= beyond) == (whole < within, whole >= beyond)
+            if looks[-1] == all_draws:
+                assert told == whole
+    assert min(looks) < all_draws / 4
+    assert max(looks) == all_draws

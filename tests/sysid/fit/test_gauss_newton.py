@@ -51,13 +51,13 @@ def test_a_lag_that_is_not_there_ends_at_nothing_and_leaves_the_delay_right() ->
 LINEAR_ALGEBRA_OF_WHAT_IS_NO_NUMBER = """
 import numpy as np
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
-from sysid.model.relaxation import RelaxationError, _explaining
+from sysid.model.relaxation import RelaxationError, _Explaining
 nothing = np.full((6, 6), np.nan)
 here = NormalEquations(np.ones(1), nothing, nothing[0], [])
 assert not here.finite
 assert not np.any(bounded_step(here, np.ones(6, dtype=bool), np.full(6, -np.inf), np.full(6, np.inf)))
 try:
-    _explaining(np.full((6, 40), np.inf), np.ones(40))
+    _Explaining.by(np.full((6, 40), np.inf))
 except RelaxationError:
     pass
 """

@@ -13,7 +13,8 @@ from planted_fits import records
 from sysid.data.dataset import Bins, prepared
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identify import identify
-from sysid.fit.stable import held_stable, settle
+from sysid.fit.stable import held_stable, largest_pole, settle
+from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
@@ -68,6 +69,30 @@ def test_held_parameters_stay_where_poles_are_pushed(fit: Estimate, bins: Bins) 
     model, _ = held_stable(free, bins.stacks, {"M_a": free["M_a"]})
     assert model.stable
     assert model["M_a"] == free["M_a"]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_servos_damped_critically_do_not_end_the_fit(seed: int) -> None:
+    """A Crazyflie from 1.5 Hz on: its servos' two poles fell together, which have one vector, and LAPACK ended it."""
+    structure = compose("cd", ["servo_second_order"])
+    rng = np.random.default_rng(seed)
+    values = np.array([3.0, 0.5, -0.7, 3.5, 600.0, -4.0, -15.0, 577.0, 8.3, 1.0]) * (1 + 0.1 * rng.random(10))
+    values[-1] = 1.0
+    real, slopes = largest_pole(Model(structure, values))
+    assert slopes is not None
+    for i in range(4):  # of the base's own damping
+        there = values.copy()
+        there[i] += 1e-5
+        moved = np.max(np.linalg.eigvals(Model(structure, there).matrices.A).real)
+        assert slopes[i] == pytest.approx((moved - real) / 1e-5, abs=1e-3)
+
+
+def test_a_pole_that_has_no_slope_is_left_to_the_search() -> None:
+    """Two unstable ones that fell together."""
+    structure = compose("cd")
+    real, slopes = largest_pole(Model(structure, np.array([1.0, 1.0, 0.0, 1.0, 600.0, 0.0, 0.0, 600.0])))
+    assert real == pytest.approx(1.0)
+    assert slopes is None
 
 
 @pytest.mark.data

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import pytest
 from planted import TABLE_4, fly
 from strangers.asking import records
 from strangers.flights import fly as fly_stranger
@@ -13,6 +15,7 @@ from sysid.data.dataset import dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.data.record import Record
 from sysid.data.stacks import Stack
+from sysid.model import relaxation
 from sysid.model.compose import compose
 from sysid.model.predict import respond
 
@@ -50,3 +53,30 @@ def test_states_that_hardly_move_do_not_make_the_linear_part_run_away() -> None:
     vector = structure.vector({name: values[name] for name in structure.names})
     for group in groups:
         assert np.all(np.isfinite(respond(structure, vector, group, False).Y))
+
+
+def test_derivatives_are_the_same_however_many_go_side_by_side_and_are_worked_out_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flown = [Record(f"#{i}", run) for i, run in enumerate(fly(None, {}, seed=4, duration_s=8.0))]
+    structure = compose("tpp", ["quadratic_damping"])
+    values = structure.vector({**TABLE_4, "L_pp": -2.0, "M_qq": -3.0, "exponent": 2.0})
+    made: list[int] = []
+    plain = relaxation._settle_beside
+
+    def counted(run: Any, settled: Any, batch: Any, U: Any) -> ComplexArray:
+        made.append(len(batch) - 1)
+        return plain(run, settled, batch, U)
+
+    monkeypatch.setattr(relaxation, "_settle_beside", counted)
+    found = []
+    for together in (1, 10**9):
+        monkeypatch.setattr(relaxation, "TOGETHER", together)
+        (group,) = dataset(flown, (0.3, 10.0)).stacks
+        found.append([respond(structure, values, group, True).slopes for _ in range(2)])
+        assert sum(made) == len(structure.names) * len(group.spectra)
+        assert max(made) == (relaxation.FEWEST_TOGETHER if together == 1 else len(structure.names))
+        np.testing.assert_array_equal(found[-1][0], found[-1][1])
+        made.clear()
+    size = np.linalg.norm(found[0][0], axis=(1, 2))
+    assert np.all(np.linalg.norm(found[0][0] - found[1][0], axis=(1, 2)) < 0.01 * size)

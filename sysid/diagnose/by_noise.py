@@ -1,0 +1,115 @@
+"""Fits moved on in the noise's own measure: least squares weighs gusts of the same power no less, and goes astray."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.diagnose.evidence import SHY, Candidate, White, as_loud, candidate, covariance, instrumental_step, power_left
+from sysid.fit.innovations import Innovations
+from sysid.fit.output_error import output_error
+from sysid.fit.whitening import Whitening
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import Model
+
+MOST_MOVES_BY_NOISE = 8
+PARTS = (1.0, 0.5, 0.25)
+"""Of a step, tried one after the other."""
+SURELY_BETTER = 4.0
+"""Chi squared by which other values must foretell better than those of least squares to take their place."""
+MISLED = 1.25
+"""Times what one step in white rows leaves, that least squares leaves there, from which on one step is not enough: slow
+gusts led it far off. (A lag of 78 ms had ended at none, at 3.1; fits that were near at 1.0 to 1.07.)"""
+MOST_WHITENINGS = 3
+SETTLED = 0.02
+"""Chi squared: a move by the noise that gains less is none; entries that predict the same have to end at the same."""
+
+
+def predicting(fit: Candidate, parent: Candidate) -> Candidate:
+    """In a loop the values that foretell best what is new, from typical ones of the effects that were added; the fit
+    where these do not foretell it better. Feedback may take least squares into another valley, and far off."""
+    structure, metric = fit.model.structure, parent.metric
+    if not (fit.dataset.in_a_loop and structure.linear and isinstance(metric, Innovations)):
+        return fit
+    begin = {one.name: one.typical for one in structure.parameters} | metric.model.by_name
+    model = Model(structure, structure.vector({name: begin[name] for name in structure.names}))
+    there = replace(fit, estimate=replace(fit.estimate, at_bound=())).at(model.values)
+    if there is None:
+        return fit
+    try:
+        with np.errstate(all="ignore"):  # from where a model is not stable
+            there = there.asked_in(metric)
+            if not (
+                there.model.stable
+                and power_left(there, metric) < power_left(fit.asked_in(metric), metric) - SURELY_BETTER
+            ):
+                return fit
+        found = replace(
+            fit.estimate,
+            model=there.model,
+            at_bound=(),
+            error=output_error(there.model, fit.dataset.stacks),
+            covariance=covariance(there, metric),
+            instrument="prediction error",
+        )
+        return candidate(found, fit.held, fit.dataset, fit.added)
+    except (RelaxationError, np.linalg.LinAlgError):
+        return fit
+
+
+def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate | None:
+    """The fit's structure moved, from these values, to where the imposed commands leave nothing of its parameters in
+    the noise's white rows; None where no response leads there.
+
+    Least squares weighs what is small and narrow no more than gusts of the same power, and goes where these are.
+    """
+    here = replace(fit, estimate=replace(fit.estimate, at_bound=())).at(begin.values)
+    if here is None:
+        return None
+    white = White.of(here, metric)
+    for _ in range(MOST_MOVES_BY_NOISE):
+        better = _moved(here, white, metric)
+        if better is None:
+            break
+        here, white = better
+    moved = replace(
+        here.estimate,
+        error=output_error(here.model, here.dataset.stacks),
+        covariance=covariance(here, metric),
+    )
+    return candidate(moved, fit.held, fit.dataset, fit.added)
+
+
+def misled(fit: Candidate, metric: Whitening) -> bool:
+    """Whether least squares is far from where the noise's white rows have the fit's parameters; of linear structures
+    whose excitation is logged."""
+    if not (fit.division.measured and fit.model.structure.linear):
+        return False
+    left = instrumental_step(fit, metric).caused
+    return White.of(fit, metric).left > MISLED * float(left @ left)
+
+
+def by_its_own_noise(fit: Candidate, metric: Whitening) -> Candidate:
+    """The fit moved to where the imposed commands leave nothing of its parameters, in white rows of this metric first
+    and of what it leaves itself then: the noise beside a model that is far off is not that of the right one."""
+    for _ in range(MOST_WHITENINGS):
+        there = by_the_noise(fit, fit.model, as_loud(fit, metric))
+        if there is None or np.array_equal(there.model.values, fit.model.values):
+            break
+        fit, metric = there, there.metric
+    return fit
+
+
+def _moved(one: Candidate, white: White, metric: Whitening) -> tuple[Candidate, White] | None:
+    """So far along its move that it leaves less; None where it does not. Less than all the way to its bounds: a bound
+    itself may have no response."""
+    loose = [one.model.structure.names.index(name) for name in one.free]
+    step = SHY * white.move(one)
+    for part in PARTS:
+        values = one.model.values.copy()
+        values[loose] += part * step
+        there = one.at(values)
+        if there is not None and (moved := White.of(there, metric)).left < white.left - SETTLED:
+            return there, moved
+    return None
