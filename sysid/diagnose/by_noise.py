@@ -6,7 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnose.evidence import SHY, Candidate, White, as_loud, candidate, covariance, instrumental_step, power_left
+from sysid.diagnose.evidence import (
+    SHY,
+    Candidate,
+    White,
+    as_loud,
+    candidate,
+    covariance,
+    instrumental_step,
+    power_left,
+    white_residual,
+)
 from sysid.fit.innovations import Innovations
 from sysid.fit.output_error import output_error
 from sysid.fit.whitening import Whitening
@@ -86,8 +96,11 @@ def misled(fit: Candidate, metric: Whitening) -> bool:
     whose excitation is logged."""
     if not (fit.division.measured and fit.model.structure.linear):
         return False
-    left = instrumental_step(fit, metric).caused
-    return White.of(fit, metric).left > MISLED * float(left @ left)
+    stepped = instrumental_step(fit, metric)
+    if stepped.shown is None:
+        return False
+    before = stepped.shown.caused(white_residual(fit, metric))
+    return float(before @ before) > MISLED * float(stepped.caused @ stepped.caused)
 
 
 def by_its_own_noise(fit: Candidate, metric: Whitening) -> Candidate:

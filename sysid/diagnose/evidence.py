@@ -262,12 +262,17 @@ def as_loud(one: Candidate, metric: Whitening) -> Whitening:
     """The metric with its lowest frequencies as loud as what the candidate leaves is there."""
     if not one.division.measured:
         return metric
-    return as_loud_as_it_is(metric, metric(_residual(one))[0], one.dataset.causes)
+    return as_loud_as_it_is(metric, white_residual(one, metric), one.dataset.causes)
 
 
 def power_left(one: Candidate, metric: Whitening) -> float:
     """Of what it leaves, the power in white rows."""
-    return float(np.sum(metric(_residual(one)) ** 2))
+    return float(np.sum(white_residual(one, metric) ** 2))
+
+
+def white_residual(one: Candidate, metric: Whitening) -> FloatArray:
+    """(N,), what it leaves in white rows."""
+    return np.asarray(metric(_residual(one))[0])
 
 
 def _residual(one: Candidate) -> list[ComplexArray]:
@@ -366,7 +371,7 @@ class White:
             shown = shown_by(whitening, by)
         J = whitening(one.J)
         Z = J if one.J_imposed is one.J else whitening(one.J_imposed)
-        return cls(whitening(_residual(one))[0], J, Z, shown)
+        return cls(white_residual(one, whitening), J, Z, shown)
 
     @property
     def left(self) -> float:

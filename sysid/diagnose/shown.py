@@ -1,9 +1,9 @@
-"""White rows where the excitation shows: what tells models apart, and how loud the noise is where nothing was swept."""
+"""White rows where the excitation shows: what tells models apart, and how loud slow noise is beside it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -23,10 +23,17 @@ AROUND = 1.5
 class Shown:
     """White rows, divided into what lies where the excitation shows, and the rest."""
 
-    span: Caused
-    lowest: Caused
-    """The same of the lowest frequencies alone."""
+    by: Causes
     whitening: Whitening
+
+    @cached_property
+    def span(self) -> Caused:
+        return Caused.by(self.by, self.whitening.stacks)
+
+    @cached_property
+    def lowest(self) -> Caused:
+        """The same of the lowest frequencies alone."""
+        return Caused.by(self.by, self.whitening.stacks, STEEP_BELOW_HZ)
 
     def told(self, rows: FloatArray) -> FloatArray:
         """Rows (r, N) without what lies beside that at the lowest frequencies: gusts are slow there, and move models
@@ -46,11 +53,7 @@ class Shown:
 
 @lru_cache(maxsize=8)
 def shown_by(whitening: Whitening, by: Causes) -> Shown:
-    return Shown(
-        span=Caused.by(by, whitening.stacks),
-        lowest=Caused.by(by, whitening.stacks, STEEP_BELOW_HZ),
-        whitening=whitening,
-    )
+    return Shown(by=by, whitening=whitening)
 
 
 def as_loud_as_it_is(metric: Whitening, left: FloatArray, by: Causes) -> Whitening:

@@ -30,8 +30,7 @@ at 100 Hz -7 by those with 12, and -2 by these."""
 FOLDED = 0.004
 """Of a command's power in the band, just below half the log's rate, from which on what folds back from beyond cannot be
 neglected: doublets at 50 Hz had 0.025 to 0.07, and left 20 to 35 % of their answer unexplained by the truth itself;
-chirps 0.002 and less. At 125 of 250 Hz
-they had 0.0076 and 0.01, and left more than ten times their noise."""
+chirps 0.002 and less. At 125 of 250 Hz doublets had 0.0076 and 0.01, and left more than ten times their noise."""
 NEAR_THE_END = 0.8
 """Of half the rate: so far is just below."""
 USUAL_LOOP_S = 1 / 400
