@@ -9,7 +9,7 @@ from typing import Any
 
 from gcs.analysis.ladder import WORSE_POINTS, Nrmse, RungNumbers, change_text, rungs_of, short_names, together
 from gcs.analysis.quantities import listed, quantity
-from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
+from gcs.analysis.refit import Band, as_answered, made_from, newly_implausible, refitted
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
@@ -126,8 +126,13 @@ def add_effect(
         asked = diagnose(
             structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
         )
+    fitted, judging = as_answered(asked, before, fitted, judging)
+    if not made_from(before, fitted, judging):
+        before = refitted(before, composed, fitted, judging, band)
+        after = refitted(before, [*composed, effect], fitted, judging, band, grown=before)
     (_, apart), (checks, closer) = (
-        fit_checks(one.model, fitted, one.band_hz, one.fixed, one.weights) for one in (before, after)
+        fit_checks(one.model, fitted.held(one.found_loop_s), one.band_hz, one.fixed, one.weights)
+        for one in (before, after)
     )
     return Addition(
         named=name,

@@ -33,7 +33,7 @@ def flown(
     if runs:
         own = None if fit.profile is None else Path(fit.profile)
         found = resolve_runs(runs, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit))
-        return split(of_axes(found, fit.model.structure.base_))
+        return split(_on_its_loop(of_axes(found, fit.model.structure.base_), fit))
     if profile is not None:
         fit = replace(fit, profile=str(profile))
     cut = window if isinstance(window, FromStart) else None
@@ -47,6 +47,11 @@ def split(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
     """What was flown, and quiet hover."""
     quiet = [record for record in records if record.maneuver == "quiet"]
     return [record for record in records if record.maneuver != "quiet"], quiet
+
+
+def _on_its_loop(records: Sequence[Record], fit: Fit) -> list[Record]:
+    """The runs as the vehicle's loop held commands by the fit, where no log tells."""
+    return [record.held(fit.found_loop_s) for record in records]
 
 
 def _quiet_beside(fit: Fit, records: Sequence[Record]) -> list[Record]:
@@ -100,7 +105,8 @@ def flown_with_validation(
         judging = []
     else:
         judging = runs_of(fit, fit.validation)
-    judging = [record for record in of_axes(judging, fit.model.structure.base_) if record.maneuver != "quiet"]
+    judging = _on_its_loop(of_axes(judging, fit.model.structure.base_), fit)
+    judging = [record for record in judging if record.maneuver != "quiet"]
     fitted = fitted_beside(records, judging)
     if not fitted:
         raise TippathError(

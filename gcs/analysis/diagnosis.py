@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gcs.analysis.ladder import SLIGHT, Step, together
-from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
+from gcs.analysis.refit import Band, as_answered, made_from, newly_implausible, refitted
 from gcs.vehicle.sweeps import chirps_only, flies_cards
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
@@ -239,7 +239,7 @@ def diagnose_fit(
         remarks.append(_stopped(answer, wild))
         grown = grown if isinstance(remarks[-1], StoppedAsking) else None
     say(Asking(stage=Stage.FAILS))
-    comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
+    comparison = compare(answer.parent.model, answer.parent.dataset, fit.band_hz, quiet)
     say(Asking(stage=Stage.REASONS))
     explanation, slight = _explained(answer), _slight(answer, limit or Limit())
     say(Asking(stage=Stage.MANEUVER))
@@ -328,7 +328,9 @@ class _Question:
             return None
         begin = next(one.fit.model for one in answer.candidates if one.effect == answer.effect and one.fit is not None)
         effects = [*composed, named_effect(answer.effect, self.users)]
-        return refitted(fit, effects, self.fitted, self.judging, grown=fit, begin=begin)
+        fitted, judging = as_answered(answer, fit, self.fitted, self.judging)
+        below = fit if made_from(fit, fitted, judging) else None
+        return refitted(fit, effects, fitted, judging, grown=below, begin=begin)
 
 
 def _unsure(answer: Diagnosis) -> bool:

@@ -85,6 +85,7 @@ def identify_flight(
         band = ChosenBand(records.band_hz, BandFrom.GIVEN) if isinstance(records, Dataset) else chosen_band(records)
     fitted, judging = prepared(records, band.hz), prepared(validation, band.hz)
     tpp = identify(TPP, fitted, judging, band.hz, effects=effects)
+    fitted, judging = fitted.held(tpp.found_loop_s), judging.held(tpp.found_loop_s)
     cd = identify(CD, fitted, judging, band.hz, effects=on_cd(effects))
     tpp, cd = (replace(with_model_errors(one, fitted, judging), band_from=band.source) for one in (tpp, cd))
     return side_by_side(tpp, cd, fitted, judging)
@@ -98,7 +99,7 @@ def on_cd(effects: Sequence[str]) -> list[str]:
 def side_by_side(tpp: Fit, cd: Fit, records: Runs, validation: Runs) -> Identification:
     """Two fits that were made of these runs, with the CD that the TPP reduces to and the eigenfrequency check."""
     band_hz = tpp.band_hz
-    fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
+    fitted, judging = (prepared(runs, band_hz).held(tpp.found_loop_s) for runs in (records, validation))
     reduced = _reduced(tpp.model, cd.model.structure)
     return Identification(
         tpp=tpp,
@@ -134,7 +135,7 @@ class Judgement:
 
 def assess(fit: Fit, runs: Runs, vehicle: Vehicle | None = None) -> Judgement:
     """Judge a fit on the runs it was made from."""
-    on, structure = prepared(runs, fit.band_hz), fit.model.structure
+    on, structure = prepared(runs, fit.band_hz).held(fit.found_loop_s), fit.model.structure
     bins = on.viewed(structure.inputs, structure.outputs)
     checks, spread = fit_checks(fit.model, on, fit.band_hz, fit.fixed, fit.weights)
     predicted = fit.instrument == "prediction error"  # low frequencies do not make its values what they are
@@ -219,5 +220,5 @@ def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None)
                 "" if fit.window_s is None else " in " + ":".join("" if s is None else f"{s:g}" for s in fit.window_s)
             )
             raise TippathError(f"{one.id}: {one.path} has no such run in {ends} s; --window START:STOP takes it in")
-        found.append(record)
+        found.append(record.held(fit.found_loop_s))
     return found

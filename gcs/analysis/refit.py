@@ -9,6 +9,8 @@ from gcs.analysis.quantities import quantity
 from sysid.data.band import BandFrom
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.clocks import same_hold
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.model_error import with_model_errors
 from sysid.fit.result import Fit, RecordUsed
@@ -55,14 +57,22 @@ def refitted(
 
 
 def made_from(fit: Fit, fitted: Dataset, judging: Dataset) -> bool:
-    """Whether the fit was made from just these runs in their band."""
+    """Whether the fit was made from just these runs in their band, held as they are where they were found to be."""
 
     def same(used: Sequence[RecordUsed], given: Sequence[Record]) -> bool:
         return {(one.id, one.sha256, one.samples) for one in used} == {
             (one.id, one.sha256, one.t.size) for one in given
         }
 
-    return fitted.band_hz == fit.band_hz and same(fit.records, fitted.records) and same(fit.validation, judging.records)
+    held = fitted.found_loop_s is None or same_hold(fitted.found_loop_s, fit.found_loop_s)
+    runs = same(fit.records, fitted.records) and same(fit.validation, judging.records)
+    return held and runs and fitted.band_hz == fit.band_hz
+
+
+def as_answered(answer: Diagnosis, fit: Fit, *runs: Dataset) -> list[Dataset]:
+    """The runs of a fit as the diagnosis took their commands to be held, where that was otherwise than the fit did."""
+    found = answer.parent.dataset.found_loop_s
+    return [*runs] if same_hold(found, fit.found_loop_s) else [each.held(found) for each in runs]
 
 
 def newly_implausible(before: Fit, after: Fit) -> tuple[str, ...]:

@@ -214,9 +214,11 @@ class Calculations:
         known = [record for run in runs if (record := choices.record_of(run)) is not None]
         if _own_reading(fit, known):
             return flown_with_validation(fit, (), (), None, None)
-        records = _named(fit.records, known)
+        records, judging = (
+            [one.held(fit.found_loop_s) for one in _named(used, known)] for used in (fit.records, fit.validation)
+        )
         quiet = quiet_among(runs, fit, records)
-        return on_airframe(records, fit.airframe), on_airframe(_named(fit.validation, known), fit.airframe), quiet
+        return on_airframe(records, fit.airframe), on_airframe(judging, fit.airframe), quiet
 
     def as_read(self, fit: Fit, place: Path | None) -> Fit:
         """A kept fit with the paths of the user's effects as a command finds them in its file."""

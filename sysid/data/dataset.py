@@ -70,6 +70,7 @@ class Dataset:
     _pieces: dict[Record, tuple[list[Piece], list[str]]] = field(default_factory=dict)
     _viewed: dict[tuple[tuple[str, ...], tuple[str, ...]], Bins] = field(default_factory=dict)
     _some: dict[tuple[Record, ...], Dataset] = field(default_factory=dict)
+    _held: dict[float | None, Dataset] = field(default_factory=dict)
 
     def of(self, records: Sequence[Record]) -> Dataset:
         """Some of these runs; what was prepared of them is shared."""
@@ -82,13 +83,28 @@ class Dataset:
             )
         return self._some[some]
 
+    @property
+    def found_loop_s(self) -> float | None:
+        """How long the loop held commands as runs showed, s; None where that was told, or is not known."""
+        found = (one.loop_dt_s for one in self.records if not one.loop_known)
+        return next((loop_s for loop_s in found if loop_s is not None), None)
+
+    def held(self, loop_s: float | None) -> Dataset:
+        """These runs as `Record.held`; prepared once for each."""
+        records = tuple(one.held(loop_s) for one in self.records)
+        if records == self.records:
+            return self
+        if loop_s not in self._held:
+            self._held[loop_s] = replace(self, records=records, _pieces={}, _viewed={}, _some={}, _held={})
+        return self._held[loop_s]
+
     def beside(self, fitted: Dataset) -> Dataset:
         """These runs as those that judge what was fitted to others."""
-        return replace(self, like=fitted, _some={})
+        return replace(self, like=fitted, _some={}, _held={})
 
     def measured_in(self, outputs: tuple[str, ...]) -> Dataset:
         """These runs with these outputs; what was prepared of them is shared."""
-        return self if outputs == self.outputs else replace(self, outputs=outputs, _some={})
+        return self if outputs == self.outputs else replace(self, outputs=outputs, _some={}, _held={})
 
     def _of(self, record: Record) -> tuple[list[Piece], list[str]]:
         if record not in self._pieces:

@@ -105,6 +105,10 @@ class _About(Open, frozen=True, kw_only=True):
     onboard: _Onboard | None = None
 
 
+BY_THE_RUNS = "by these runs"
+"""Who tells of a loop that no log, profile or user did: what the commands' hold left in the rates."""
+
+
 class RecordError(SysidError):
     """A record that cannot be made or read; the message says what is wrong and what to do."""
 
@@ -142,7 +146,7 @@ class Record:
     """How long the vehicle's loop held each command, s, where that is known: shorter than a sample of a log that has
     not every loop. None: not known, and taken as held from sample to sample."""
     loop_told_by: str = ""
-    """Where that is from: a setting in the log, a profile, the user."""
+    """Where that is from: a setting in the log, a profile, the user, or `BY_THE_RUNS`."""
     excitation_from: str = ""
     """What the excitation was rebuilt from; empty where it was logged, or is not known."""
     onboard: OnboardModel | None = None
@@ -169,6 +173,17 @@ class Record:
         if n < 2 or not np.all(np.diff(channels["t"]) > 0):
             raise RecordError(f"{self.id}: time must increase from sample to sample")
         object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    @property
+    def loop_known(self) -> bool:
+        """Whether the loop's rate was told, and not only found in what was flown."""
+        return self.loop_dt_s is not None and self.loop_told_by != BY_THE_RUNS
+
+    def held(self, loop_s: float | None) -> Record:
+        """The run with commands held so long, s, as runs showed (None: from sample to sample), unless it was told."""
+        if self.loop_known or self.loop_dt_s == loop_s:
+            return self
+        return replace(self, loop_dt_s=loop_s, loop_told_by="" if loop_s is None else BY_THE_RUNS)
 
     @property
     def t(self) -> FloatArray:

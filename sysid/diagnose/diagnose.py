@@ -44,7 +44,7 @@ from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.shares import divided
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
-from sysid.diagnose.thinned import as_held, by_a_usual_loop, held, telling
+from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
 from sysid.fit.innovations import Innovations
@@ -73,10 +73,11 @@ def diagnose(
     """Diagnose a structure on runs. `effects` are a user's own, asked beside the catalogue's; `chains` of two too.
 
     `begin` is where the structure was fitted to, if it was; `limit` changes of margins from which on it matters what a
-    chain could explain more. Raises FitError where the runs do not identify the structure itself.
+    chain could explain more. How long a loop that nobody told of held commands is found anew: it hangs on what lacks.
+    Raises FitError where the runs do not identify the structure itself.
     """
-    on = dataset(records, band_hz, outputs=structure.outputs)
-    judging = prepared(validation, band_hz)
+    on = dataset(records, band_hz, outputs=structure.outputs).held(None)
+    judging = prepared(validation, band_hz).held(None)
     validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
     fixed = fixed or {}
     say(Asking(stage=Stage.NOISE, of=1 + len(entries(structure, on, effects))))
@@ -96,7 +97,7 @@ def diagnose(
 def _judging(runs: Dataset | None, parent: Candidate, loop_s: float | None) -> Dataset | None:
     """The validation runs that judge, their commands held as the parent's."""
     if runs is not None and loop_s is not None:
-        runs = held(runs, loop_s).beside(parent.dataset)
+        runs = runs.held(loop_s).beside(parent.dataset)
     return None if runs is None else telling(runs)
 
 

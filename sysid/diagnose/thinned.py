@@ -8,7 +8,7 @@ large commands are is asked at the frequencies where such a log shows that.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,11 +17,10 @@ from sysid.data.preprocess import Spectrum, held_s
 from sysid.data.record import CYCLIC, Record
 from sysid.diagnose.evidence import Candidate
 from sysid.fit.check_kinds import CommandsThinned
-from sysid.fit.clocks import SLOW_S, loop_held_s, thinned_loop
+from sysid.fit.clocks import SLOW_S, found_hold
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray, Model
 
-TOLD_BY = "by these runs"
 SAMPLES_OF_A_PERIOD = 20.0
 """That a thinned log must have of commands to tell how large small ones are: noise on the excitation moves them between
 samples, too, and what is small seems to be answered less than what is large, as in play. Clean flights of small
@@ -47,13 +46,10 @@ def as_held(
 ) -> tuple[Candidate, CommandsThinned | None, float | None]:
     """The parent on its runs as the loop held their commands, fitted anew (`fitted`); what thinned them; and how long
     each was held, s. The parent itself, and None, where they tell of no other loop."""
-    thinned = thinned_loop(parent.model, parent.dataset, fixed)
-    if thinned is None:
+    hold = found_hold(parent.model, parent.dataset, fixed, lambda runs, near: fitted(runs, near).model)
+    if hold is None:
         return parent, None, None
-    what, loop_s = thinned
-    nearly = fitted(held(parent.dataset, loop_s), parent.model)
-    loop_s = loop_held_s(nearly.model, nearly.dataset, fixed) or loop_s
-    return fitted(held(parent.dataset, loop_s), nearly.model), what, loop_s
+    return fitted(parent.dataset.held(hold.loop_s), hold.near), hold.what, hold.loop_s
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,24 +69,17 @@ def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> ByAUsualLoop | None:
     What the runs show of a hold beside a parent that lacks something may be what it lacks: a delay, as of a slow loop.
     """
     runs = parent.dataset
-    told = any(one.loop_dt_s is not None and one.loop_told_by != TOLD_BY for one in runs.records)
+    told = any(one.loop_known for one in runs.records)
     if told or max(held_s(piece.dt, piece.record) for piece in runs.pieces) < SLOW_S:
         return None
     sample_s = max(piece.dt for piece in runs.pieces)
     what = CommandsThinned(0.5 * (sample_s - USUAL_LOOP_S), LIKELY_LOOPS_S, sample_s)
-    return ByAUsualLoop(fitted(held(runs, USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
-
-
-def held(runs: Dataset, loop_s: float) -> Dataset:
-    """The runs, with commands held so long, s."""
-    records = tuple(replace(one, loop_dt_s=loop_s, loop_told_by=TOLD_BY) for one in runs.records)
-    return Dataset(records=records, band_hz=runs.band_hz, like=runs.like, outputs=runs.outputs)
+    return ByAUsualLoop(fitted(runs.held(USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
 
 
 def untold(runs: Dataset) -> bool:
     """Whether a log slower than any likely loop does not tell of it, though the runs may have shown it since."""
-    slow = [piece.record for piece in runs.pieces if piece.dt >= SLOW_S]
-    return any(one.loop_dt_s is None or one.loop_told_by == TOLD_BY for one in slow)
+    return any(piece.dt >= SLOW_S and not piece.record.loop_known for piece in runs.pieces)
 
 
 def samples_lost(runs: Dataset) -> bool:

@@ -7,13 +7,14 @@ beside the model's parameters, tells both; a delay that is positive is the vehic
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.data.dataset import Dataset
+from sysid.data.preprocess import RESPONSE
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
@@ -24,7 +25,7 @@ from sysid.fit.weights import spectral_weights
 from sysid.model.acting import divided, linear_dynamics
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
-from sysid.model.structure import Model, Structure
+from sysid.model.structure import FloatArray, Model, Structure
 
 WORTH_A_LOOK_S = 8e-4
 """By which the commands seem to act early at a first look."""
@@ -96,16 +97,53 @@ def early_commands(model: Model, runs: Dataset, fixed: Mapping[str, float] | Non
     return Early(_what(found.early_s, found.error_s, stacks), found.error)
 
 
-def thinned_loop(
-    model: Model, runs: Dataset, fixed: Mapping[str, float] | None = None
-) -> tuple[CommandsThinned, float] | None:
-    """How early commands act and how long the loop held each, s, where a log that does not tell its loop thinned them;
-    None where it did not, or where nothing can be told.
+@dataclass(frozen=True, eq=False, slots=True)
+class Hold:
+    """How long a loop that nobody told of held commands, as runs showed."""
+
+    what: CommandsThinned
+    """Taken as held from sample to sample."""
+    loop_s: float
+    near: Model
+    """Fitted to the runs taken nearly so."""
+
+
+def found_hold(
+    model: Model, runs: Dataset, fixed: Mapping[str, float] | None, fitted: Callable[[Dataset, Model], Model]
+) -> Hold | None:
+    """The hold of a log that does not tell its loop and thinned its commands, by a model that was fitted to it and is
+    fitted again (`fitted`); None where the log did not, or where nothing can be told.
 
     A little is enough here: what a loop may have done speaks for no effect.
     """
+    thinned = _thinned(model, runs, fixed)
+    if thinned is None:
+        return None
+    what, sample_s = thinned
+    loop_s = _loop_s(sample_s, sample_s, what.early_s)
+    near = fitted(runs.held(loop_s), model)
+    second = _by(near, runs.held(loop_s), fixed)
+    return Hold(what, loop_s if second is None else _loop_s(sample_s, loop_s, second.early_s), near)
+
+
+def same_hold(one_s: float | None, other_s: float | None) -> bool:
+    """Whether two holds, s, None of a whole sample, move commands alike as far as logs tell."""
+    if one_s is None or other_s is None:
+        return one_s is other_s
+    return abs(one_s - other_s) < 2 * LITTLE_S
+
+
+def shared_error(model: Model, runs: Dataset, fixed: Mapping[str, float] | None = None) -> FloatArray | None:
+    """(p, p): what the error of a hold that the runs showed adds to the covariance of a model's parameters, fitted to
+    runs that are held so; None where none showed, or where they do not tell any more."""
+    found = None if runs.found_loop_s is None else _by(model, runs, fixed)
+    return None if found is None else found.shared
+
+
+def _thinned(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> tuple[CommandsThinned, float] | None:
+    """How early commands act, and the log's sample, s."""
     wider, records = _with_command_time(model), runs.records
-    if wider is None or any(one.loop_dt_s is not None for one in records):
+    if wider is None or any(one.loop_dt_s is not None or one.maneuver == RESPONSE for one in records):
         return None
     stacks = runs.viewed(model.structure.inputs, model.structure.outputs).stacks
     if _first_look(model, wider, stacks) > -LITTLE_S:
@@ -114,15 +152,12 @@ def thinned_loop(
     if found is None or found.early_s < max(LITTLE_S, LIKELY * found.error_s):
         return None
     what = _what(found.early_s, found.error_s, stacks)
-    return (what, _loop_s(sample_s, sample_s, found.early_s)) if isinstance(what, CommandsThinned) else None
+    return (what, sample_s) if isinstance(what, CommandsThinned) else None
 
 
-def loop_held_s(model: Model, runs: Dataset, fixed: Mapping[str, float] | None = None) -> float | None:
-    """How long the loop held commands, s, by a model of runs that are taken so nearly; None where they do not tell."""
+def _by(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> _Timed | None:
     wider = _with_command_time(model)
-    found = None if wider is None else _timed(model, wider, runs, fixed)
-    stacks = runs.viewed(model.structure.inputs, model.structure.outputs).stacks
-    return None if found is None else _loop_s(max(one.dt for one in stacks), stacks[0].held_s, found.early_s)
+    return None if wider is None else _timed(model, wider, runs, fixed)
 
 
 def _loop_s(sample_s: float, held_s: float, early_s: float) -> float:
@@ -135,6 +170,8 @@ class _Timed:
     error_s: float
     """Standard error."""
     error: OutputError
+    shared: FloatArray
+    """(p, p): what that adds to the covariance of the model's own parameters."""
 
 
 def _with_command_time(model: Model) -> Structure | None:
@@ -152,15 +189,20 @@ def _timed(model: Model, wider: Structure, runs: Dataset, fixed: Mapping[str, fl
     except FitError:
         return None
     place = wider.names.index("command_time")
-    error_s = float(np.sqrt(found.covariance[place, place]))
-    return None if found.at_bound else _Timed(-float(found.model.values[place]), error_s, found.error)
+    variance = found.covariance[place, place]
+    if found.at_bound or variance <= 0:
+        return None
+    own = [wider.names.index(name) for name in model.structure.names]
+    with_time = found.covariance[own, place]
+    shared = np.asarray(np.outer(with_time, with_time) / variance)
+    return _Timed(-float(found.model.values[place]), float(np.sqrt(variance)), found.error, shared)
 
 
 def thinned_commands(
     model: Model, runs: Dataset, fixed: Mapping[str, float] | None = None
 ) -> CommandsLate | CommandsThinned | None:
     """`early_commands` of a slow log that does not tell the loop's rate: what else may look so is more seldom there."""
-    slow = any(piece.dt >= SLOW_S and piece.record.loop_dt_s is None for piece in runs.pieces)
+    slow = any(piece.dt >= SLOW_S and not piece.record.loop_known for piece in runs.pieces)
     early = early_commands(model, runs, fixed) if slow else None
     return None if early is None else early.what
 

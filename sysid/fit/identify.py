@@ -13,6 +13,7 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ, RESPONSE, Spectrum
 from sysid.data.record import AXIS_OF, COMMANDS, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
+from sysid.fit.clocks import found_hold, shared_error
 from sysid.fit.estimate import Estimate, Weights, estimate
 from sysid.fit.feedback import refuse_feedback_alone
 from sysid.fit.identifiable import structural, vague
@@ -53,34 +54,30 @@ def identify(
     begin at. `weights` are over frequency: by the spectrum of what is left, or constant, as the paper's. Raises
     FitError where an axis is not identifiable, EffectError where an effect cannot act on these runs; the message says
     which and what to do.
+
+    Where no log tells the vehicle's loop and the runs show that it held commands for less than a sample, they are
+    fitted so; the fit's records say how long, and its errors know how surely.
     """
     fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
     _refuse_unfit(structure, fitted, judging)
-    rungs: list[Rung] = [] if grown is None else [*grown.lineage]
-    parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
-    for count in range(0 if grown is None else len(effects), len(effects) + 1):
-        last = count == len(effects)
-        here = begin if last and begin is not None else parent
-        try:
-            everyone = [*fitted.records, *judging.records]
-            composed = on_runs(structure.base_, effects[:count], everyone, fitted.records, structure.outputs)
-            held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
-            step = _Step.of(composed, fitted, judging, held=held, begin=here, weights=weights, last=last)
-        except (EffectError, FitError):
-            if last:
-                raise
-            continue  # it needs an effect named after it, or its numbers: what is asked for is judged as asked for
-        parent = step.found.model
-        rungs.append(step.rung)
+    if grown is not None and fitted.found_loop_s is None:
+        fitted, judging = fitted.held(grown.found_loop_s), judging.held(grown.found_loop_s)
+    climb = _Climb(structure, effects, fixed or {}, weights, grown)
+    step, rungs = climb.to_the_top(fitted, judging, begin)
+    hold = found_hold(step.found.model, fitted, fixed, climb.again)
+    if hold is not None:
+        fitted, judging = fitted.held(hold.loop_s), judging.held(hold.loop_s)
+        step, rungs = climb.to_the_top(fitted, judging, hold.near)
+    shared = shared_error(step.found.model, fitted, fixed)
     return Fit(
         model=step.found.model,
-        covariance=step.found.covariance,
+        covariance=step.found.covariance if shared is None else step.found.covariance + shared,
         nrmse_percent=rungs[-1].nrmse_percent,
         validation_nrmse_percent=rungs[-1].validation_nrmse_percent,
         records=tuple(RecordUsed.of(record, band_hz[1]) for record in fitted.records),
         validation=tuple(RecordUsed.of(record, band_hz[1]) for record in judging.records),
         band_hz=band_hz,
-        warnings=tuple(dict.fromkeys(step.warnings(fitted))),
+        warnings=tuple(dict.fromkeys([*_held_for(fitted), *step.warnings(fitted)])),
         profile=profile,
         window_s=window_s,
         at_bound=step.found.at_bound,
@@ -89,6 +86,43 @@ def identify(
         weights=step.found.weights,
         instrument=step.found.instrument,
     )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Climb:
+    """A bare base, and effects to add one by one."""
+
+    structure: Structure
+    effects: Sequence[str | Effect]
+    fixed: Mapping[str, float]
+    weights: Weights
+    grown: Fit | None
+
+    def to_the_top(self, fitted: Dataset, judging: Dataset, begin: Model | None) -> tuple[_Step, list[Rung]]:
+        """The fit of all effects and the rungs on the way. Raises as `identify`."""
+        structure, effects, grown = self.structure, self.effects, self.grown
+        rungs: list[Rung] = [] if grown is None else [*grown.lineage]
+        parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
+        for count in range(0 if grown is None else len(effects), len(effects) + 1):
+            last = count == len(effects)
+            here = begin if last and begin is not None else parent
+            try:
+                everyone = [*fitted.records, *judging.records]
+                composed = on_runs(structure.base_, effects[:count], everyone, fitted.records, structure.outputs)
+                held = {name: value for name, value in self.fixed.items() if last or name in composed.names}
+                step = _Step.of(composed, fitted, judging, held=held, begin=here, weights=self.weights, last=last)
+            except (EffectError, FitError):
+                if last:
+                    raise
+                continue  # it needs an effect named after it, or its numbers: what is asked for is judged as asked for
+            parent = step.found.model
+            rungs.append(step.rung)
+        return step, rungs
+
+    def again(self, runs: Dataset, near: Model) -> Model:
+        """The composition of a fit fitted to these runs, from there."""
+        bins = runs.viewed(near.structure.inputs, near.structure.outputs)
+        return estimate(near.structure, bins, near, self.fixed, self.weights).model
 
 
 def _refuse_unfit(structure: Structure, fitted: Dataset, judging: Dataset) -> None:
@@ -252,6 +286,20 @@ def refuse_mixed_sources(records: Sequence[Record]) -> None:
             f"the runs take p and q from different messages ({', '.join(sources)}), which differ by milliseconds; "
             "fit runs of one kind together"
         )
+
+
+def _held_for(runs: Dataset) -> list[str]:
+    """That the runs are fitted as a loop held commands that nobody told of."""
+    loop_s = runs.found_loop_s
+    return (
+        []
+        if loop_s is None
+        else [
+            "no log tells the rate of the vehicle's loop, and commands act earlier than if held from sample to sample: "
+            f"they are taken as held for {1000 * loop_s:.2g} ms, as these runs show; --loop-rate, or loop_rate_hz in a "
+            "profile, says it surely"
+        ]
+    )
 
 
 def _held_stable(settled: Settled) -> list[str]:

@@ -49,7 +49,8 @@ def with_model_errors(fit: Fit, runs: Runs, validation: Runs = ()) -> Fit:
     """The fit with its model errors, on the runs that it was made from and those that only judged it."""
     structure = fit.model.structure
     bins, judging = (
-        prepared(each, fit.band_hz).viewed(structure.inputs, structure.outputs) for each in (runs, validation)
+        prepared(each, fit.band_hz).held(fit.found_loop_s).viewed(structure.inputs, structure.outputs)
+        for each in (runs, validation)
     )
     return replace(fit, model_errors=model_errors(fit.model, bins, judging, fit.fixed, fit.weights))
 

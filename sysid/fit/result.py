@@ -17,7 +17,7 @@ import numpy as np
 from sysid.data.airframe import Airframe, agreed
 from sysid.data.band import BandFrom
 from sysid.data.preprocess import gaps, rate_hz
-from sysid.data.record import Record
+from sysid.data.record import BY_THE_RUNS, Record
 from sysid.document import converted, parsed
 from sysid.fit.document import FitDocument, ParameterDocument, RecordDocument
 from sysid.fit.estimate import Instrument, Weights
@@ -142,6 +142,12 @@ class Fit:
     def airframe(self) -> Airframe | None:
         """What kind of rotorcraft the fitted runs are of, where log or user tell."""
         return agreed(one.airframe for one in self.records)
+
+    @property
+    def found_loop_s(self) -> float | None:
+        """How long the loop held commands as the fitted runs showed, s; None where that was told, or not seen."""
+        found = (one.loop_rate_hz for one in self.records if one.loop_told_by == BY_THE_RUNS)
+        return next((1 / rate_hz for rate_hz in found if rate_hz is not None), None)
 
     @property
     def standard_errors(self) -> FloatArray:
