@@ -66,7 +66,7 @@ class _Products:
     """Inner products of whitened sensitivities by the imposed commands, less what the parent would do."""
 
     e: FloatArray
-    """(rows, expressions), with the residual."""
+    """(rows, expressions), with the residual, wherever the parent was moved to."""
     gram_single: FloatArray
     """(rows, expressions), with themselves."""
     left: FloatArray
@@ -134,6 +134,7 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
     others = _inner(fixed.Z, fixed.h, bins(vectors, fixed.sizes, k))
     e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
     own = moved @ instrumental_inverse(stepped.Z, stepped.J)
+    e = e - own @ (stepped.Z @ stepped.residual)  # where the parent was moved by less than all of its instruments
     crossed = stepped.Z @ stepped.Z.T
     rest = fixed.whole - 2 * np.sum(own * asked, axis=2) + np.sum((own @ crossed) * own, axis=2)
     one, two = known.first_of_pairs, known.second

@@ -81,6 +81,20 @@ def test_nothing_is_found_where_nothing_is() -> None:
     assert not search(parent, *asked(parent), known)[0].significant
 
 
+def test_what_the_parents_own_parameters_would_explain_is_no_term() -> None:
+    """Its step leaves them where the excitation tells, which need not be where these rows alone would have them."""
+    parent, known, _ = searched("none")
+    stepped, whitening = asked(parent)
+    here = search(parent, stepped, whitening, known, most=1)[0]
+    for row in range(len(stepped.J)):
+        far = 10.0 * stepped.J[row] / np.linalg.norm(stepped.J[row])  # chi squared 100, all of it the parent's
+        moved = search(parent, dataclasses.replace(stepped, residual=stepped.residual + far), whitening, known, most=1)[
+            0
+        ]
+        assert moved.number == here.number
+        assert moved.log_p == pytest.approx(here.log_p, abs=1e-3)
+
+
 def test_false_alarms_are_as_rare_as_said() -> None:
     flown = planted.fly_many(None, {}, seeds=range(40, 50), duration_s=8.0, steps=1)
     chances = [ranked(parent_of(records(flight)))[0].log_p for flight in flown]
