@@ -238,7 +238,7 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
 def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
     """Logarithm of the chance that noise alone shows as much as the best of all questions."""
     linear = log_chance(division.chi_squared, division.degrees)
-    best = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
+    best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
     return of_all_questions(min(linear, best), division)
 
 

@@ -51,6 +51,8 @@ class Score:
     at_least: float = math.inf
     """Chi squared by the noise's power when the effect acts, where noise comes in bursts; of what acts on the commands'
     samples that of the frequencies at which a thinned log tells these; where that is less."""
+    surely: float = math.inf
+    """The same where a loud burst counts as one draw of noise: what is there shows in the calm, too."""
 
     @property
     def log_p(self) -> float:
@@ -61,6 +63,12 @@ class Score:
     def log_p_there(self) -> float:
         """The same at its best point, had no other been asked."""
         return log_chance(min(self.chi_squared, self.at_least), self.degrees)
+
+    @property
+    def log_p_surely(self) -> float:
+        """`log_p` with no more than what is sure in bursts."""
+        there = log_chance(min(self.chi_squared, self.at_least, self.surely), self.degrees)
+        return min(0.0, there + math.log(self.tried))
 
 
 def log_chance(chi_squared: float, degrees: int) -> float:
@@ -203,6 +211,7 @@ class _Question:
             return None
         Z1 = Z1[keep]
         chi_squared, degrees, at_least = self._explained(Z1)
+        looked_at = sized and log_chance(chi_squared, degrees) <= WORTH_A_LOOK
         names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
         moves, errors = ({}, {}) if D is None else self._moves(names, D[keep], Z1, dict(steps))
         return Score(
@@ -213,6 +222,7 @@ class _Question:
             at={**point, **{name: point[name] + move for name, move in moves.items()}},
             errors=errors,
             at_least=at_least,
+            surely=in_bursts(Z1, stepped.residual, self.envelope) if looked_at else math.inf,
         )
 
     def _answers(
@@ -255,7 +265,10 @@ class _Question:
             return chi_squared, degrees, math.inf
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
-        return chi_squared, degrees, min(at_least, in_bursts(Z, residual, self.envelope))
+        if self.envelope.rough:
+            envelope = self.envelope
+            at_least = min(at_least, envelope.surely(*along(Z, residual, envelope.gram(Z)), Z))
+        return chi_squared, degrees, at_least
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]
@@ -273,11 +286,11 @@ class _Question:
 
 
 def in_bursts(Z: FloatArray, residual: FloatArray, envelope: Envelope) -> float:
-    """Chi squared of a residual (N,) along rows (c, N), as far as it is sure by the noise's power when they act;
-    infinite where that is the same all the time."""
+    """Chi squared of a residual (N,) along rows (c, N), as far as it is sure by the noise's power when they act, a loud
+    burst counted as one draw; infinite where that power is the same all the time."""
     if not envelope.rough:
         return math.inf
-    return envelope.surely(*along(Z, residual, envelope.gram(Z)), Z)
+    return envelope.surely(*along(Z, residual, envelope.covariance(Z, residual)), Z)
 
 
 def along(Z: FloatArray, residual: FloatArray, covariance: FloatArray | None = None) -> tuple[float, int]:

@@ -325,7 +325,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
         at_least = math.inf
         if envelope.rough:
-            at_least = envelope.surely(_quadratic(e, envelope.gram(z)), len(z), z)
+            at_least = envelope.surely(_quadratic(e, envelope.covariance(z, stepped.residual)), len(z), z)
         if told is not None and not known.entries[number].linear:
             at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
         found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, at_least))

@@ -6,7 +6,6 @@ So the power of what a model leaves is followed over time, and tests are held ag
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +18,11 @@ from sysid.model.structure import FloatArray
 BURST_S = 0.8
 """Over which power is averaged,"""
 FEWEST = 6
-"""and over how many bins' worth of time at least."""
+"""and over how many bins' worth of time at least;"""
+LOUD = 4.0
+"""Times the average power, from which on a stretch of noise counts as one burst;"""
+BAND_HZ = 4.0
+"""in bands about so wide."""
 ROUGH = 1.5
 """Times the scatter of steady noise's power from one such time to the next, from which on it comes in bursts."""
 LOOKS = (8, 16, 32)
@@ -32,11 +35,12 @@ SURE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """Power of white rows over time, 1 on average."""
+    """Power of white rows over time, 1 on average, in bands: what blows in a burst has a colour of its own, loud where
+    gusts are and not where the gyro's noise is."""
 
-    power: tuple[FloatArray, ...]
-    """Of every segment (n,), at as many times as it has bins,"""
-    widths: tuple[int, ...]
+    power: tuple[tuple[FloatArray, ...], ...]
+    """Of every segment and band (n,), at as many times as it has bins,"""
+    widths: tuple[tuple[int, ...], ...]
     """each averaged over so many."""
     outputs: int
     rough: bool
@@ -47,20 +51,42 @@ class Envelope:
         """Of what is left, (N,), in the rows of a whitening on these stacks."""
         outputs = stacks[0].Y.shape[0]
         spectra = [one for group in stacks for one in group.spectra]
-        widths = [_width(one) for one in spectra]
-        sizes = [one.frequency_hz.size for one in spectra]
-        found = [_around(each, width) for each, width in zip(_power(rows, outputs, sizes), widths, strict=True)]
-        whole = sum(float(np.sum(one)) for one in found) / sum(sizes)
-        power = [one / max(whole, 1e-300) for one in found]
-        scatter = [(one - 1) ** 2 * (width * outputs) for one, width in zip(power, widths, strict=True)]
-        return cls(tuple(power), tuple(widths), outputs, float(np.mean(np.concatenate(scatter))) > ROUGH**2)
+        sizes = [_bands(one) for one in spectra]
+        widths = tuple(tuple(_width(one, size) for size in each) for one, each in zip(spectra, sizes, strict=True))
+        power = tuple(
+            tuple(
+                _around(np.mean(np.abs(part[0]) ** 2, axis=0), width) for part, width in zip(parts, each, strict=True)
+            )
+            for parts, each in zip(_in_time(rows[None], outputs, sizes), widths, strict=True)
+        )
+        cells = [one for each in power for one in each]
+        whole = sum(float(np.sum(one)) for one in cells) / sum(one.size for one in cells)
+        power = tuple(tuple(one / max(whole, 1e-300) for one in each) for each in power)
+        scatter = [
+            (one - np.mean(one)) ** 2 * (width * outputs)
+            for each, wide in zip(power, widths, strict=True)
+            for one, width in zip(each, wide, strict=True)
+        ]
+        return cls(power, widths, outputs, float(np.mean(np.concatenate(scatter))) > ROUGH**2)
 
     def gram(self, rows: FloatArray) -> FloatArray:
         """The covariance of inner products of rows (c, N) with such noise, (c, c)."""
         count = len(rows)
         found = np.zeros((count, count))
-        for power, part in zip(self.power, self._in_time(rows), strict=True):
+        for power, _, part in self._cells(rows):
             found += np.real((part * power).reshape(count, -1) @ part.reshape(count, -1).conj().T)
+        return found
+
+    def covariance(self, rows: FloatArray, residual: FloatArray) -> FloatArray:
+        """The same, but that a loud burst of the residual (N,) counts as one draw: what the excitation did to commands
+        while it blew holds some of it, too, so that it meets itself, by more than its power says."""
+        found = self.gram(rows)
+        for power, width, part in self._cells(np.concatenate([rows, residual[None]])):
+            met = np.real(np.einsum("ckt,kt->ct", part[:-1], part[-1].conj()))
+            starts = np.arange(0, power.size, width)
+            loud = np.add.reduceat(power, starts) > LOUD * np.diff([*starts, power.size])
+            bursts = np.add.reduceat(met, starts, axis=1)[:, loud]
+            found += bursts @ bursts.T
         return found
 
     def surely(self, chi_squared: float, degrees: int, rows: FloatArray) -> float:
@@ -68,34 +94,40 @@ class Envelope:
         rows (c, N): power followed over little time is known badly, and what meets few bursts hangs on few of those."""
         whole, spread = 0.0, 0.0
         size = np.maximum(np.einsum("ij,ij->i", rows, rows), 1e-300)
-        for power, width, part in zip(self.power, self.widths, self._in_time(rows), strict=True):
+        for power, width, part in self._cells(rows):
             met = power * np.einsum("ckt,c->t", np.abs(part) ** 2, 1 / size)
             each = np.add.reduceat(met, np.arange(0, met.size, width))
             whole += float(np.sum(each))
             spread += float(np.sum(each**2)) / (width * self.outputs)
         return as_known(chi_squared, degrees, 2 * whole**2 / max(spread, 1e-300))
 
-    def _in_time(self, rows: FloatArray) -> Iterator[ComplexArray]:
-        return _in_time(rows, self.outputs, [one.size for one in self.power])
+    def _cells(self, rows: FloatArray) -> Iterator[tuple[FloatArray, int, ComplexArray]]:
+        """Of every segment and band power (n,), averaged over how many times, and rows in time (c, outputs, n)."""
+        sizes = [tuple(one.size for one in each) for each in self.power]
+        for power, widths, parts in zip(self.power, self.widths, _in_time(rows, self.outputs, sizes), strict=True):
+            yield from zip(power, widths, parts, strict=True)
 
 
-def _power(rows: FloatArray, outputs: int, sizes: Sequence[int]) -> list[FloatArray]:
-    """Of a row (N,) over time, of every segment (n,)."""
-    return [np.mean(np.abs(part[0]) ** 2, axis=0) for part in _in_time(rows[None], outputs, sizes)]
+def _bands(one: Spectrum) -> tuple[int, ...]:
+    """Bins of each band of a segment."""
+    bins, low, high = one.frequency_hz.size, float(one.frequency_hz[0]), float(one.frequency_hz[-1])
+    count = max(1, min(round((high - low) / BAND_HZ), bins // FEWEST))
+    edges = np.linspace(0, bins, count + 1).round().astype(int)
+    return tuple(np.diff(edges).tolist())
 
 
-def _width(one: Spectrum) -> int:
-    """Times over which the power of a segment is averaged."""
-    size = one.frequency_hz.size
-    return min(size, max(FEWEST, round(BURST_S * size / (one.samples * one.dt))))
+def _width(one: Spectrum, bins: int) -> int:
+    """Times over which the power of so many bins of a segment is averaged."""
+    return min(bins, max(FEWEST, round(BURST_S * bins / (one.samples * one.dt))))
 
 
-def _in_time(rows: FloatArray, outputs: int, sizes: Sequence[int]) -> Iterator[ComplexArray]:
-    """Rows of a whitening (c, N) in time, (c, outputs, n) of every segment with so many bins."""
-    edges = np.cumsum([0, *(2 * outputs * size for size in sizes)])
-    for i, j in itertools.pairwise(edges):
+def _in_time(rows: FloatArray, outputs: int, sizes: Sequence[Sequence[int]]) -> Iterator[list[ComplexArray]]:
+    """Rows of a whitening (c, N) in time, (c, outputs, n) of every segment and band with so many bins."""
+    edges = np.cumsum([0, *(2 * outputs * sum(each) for each in sizes)])
+    for i, j, each in zip(edges[:-1], edges[1:], sizes, strict=True):
         bins = np.ascontiguousarray(rows[:, i:j]).view(complex).reshape(len(rows), outputs, -1)
-        yield np.fft.ifft(bins, axis=2, norm="ortho")
+        parts = np.split(bins, np.cumsum(each)[:-1], axis=2)
+        yield [np.fft.ifft(part, axis=2, norm="ortho") for part in parts]
 
 
 def _around(values: FloatArray, width: int) -> FloatArray:

@@ -85,6 +85,12 @@ def test_steady_noise_is_taken_as_it_was(flown: tuple[tuple[Stack, ...], Causes]
         assert not Envelope.of(rows, stacks).rough
 
 
+def in_bins(rng: np.random.Generator, power: np.ndarray) -> ComplexArray:
+    """Noise (2, bins) of this power over time."""
+    white = rng.standard_normal((2, power.size)) + 1j * rng.standard_normal((2, power.size))
+    return np.asarray(np.fft.fft(np.sqrt(power) * white, axis=1, norm="ortho"))
+
+
 def test_inner_products_with_bursts_scatter_as_said(flown: tuple[tuple[Stack, ...], Causes]) -> None:
     stacks, _ = flown
     rows = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, 1, BURSTS)])
@@ -94,10 +100,7 @@ def test_inner_products_with_bursts_scatter_as_said(flown: tuple[tuple[Stack, ..
     asked = np.stack([burst, np.random.default_rng(2).standard_normal(rows.size)])
     rng, drawn = np.random.default_rng(0), []
     for _ in range(400):
-        parts = []
-        for power in envelope.power:
-            white = rng.standard_normal((2, power.size)) + 1j * rng.standard_normal((2, power.size))
-            parts.append(np.fft.fft(np.sqrt(power) * white, axis=1, norm="ortho"))
+        parts = [np.concatenate([in_bins(rng, power) for power in bands], axis=1) for bands in envelope.power]
         drawn.append(np.concatenate([part.view(float).ravel() for part in parts]))
     products = np.array(drawn) @ asked.T
     gram = envelope.gram(asked)
@@ -105,6 +108,32 @@ def test_inner_products_with_bursts_scatter_as_said(flown: tuple[tuple[Stack, ..
     steady = np.sum(asked**2, axis=1)
     assert gram[0, 0] > 2 * steady[0], "it asks just when the noise is loud"
     assert gram[1, 1] == pytest.approx(steady[1], rel=0.2)
+
+
+def test_a_burst_of_its_own_colour_is_loud_where_it_is(flown: tuple[tuple[Stack, ...], Causes]) -> None:
+    stacks, _ = flown
+    parts = noise(stacks, 1, 1.0)
+    for left in parts:
+        third = left.shape[1] // 3
+        left[:, :third] = in_bins(np.random.default_rng(4), np.where(np.arange(third) < third // 5, 12.0, 0.2))
+    envelope = Envelope.of(np.concatenate([one.view(float).ravel() for one in parts]), stacks)
+    assert envelope.rough
+    low, high = (max(float(bands[place].max()) for bands in envelope.power) for place in (0, -1))
+    assert low > 4
+    assert high < 3
+
+
+def test_no_burst_explains_more_than_itself(flown: tuple[tuple[Stack, ...], Causes]) -> None:
+    stacks, _ = flown
+    rows = np.concatenate([one.view(float).ravel() for one in noise(stacks, 1, 0.001)])
+    envelope = Envelope.of(rows, stacks)
+    asked = rows[None]  # just what the noise did
+    met = float((asked @ rows)[0])
+    bursts = sum(len(bands) for bands in envelope.power)
+    assert met**2 / envelope.gram(asked)[0, 0] > 100
+    assert met**2 / envelope.covariance(asked, rows)[0, 0] < 3 * bursts
+    elsewhere = np.random.default_rng(5).standard_normal((1, rows.size))
+    assert envelope.covariance(elsewhere, 1e-6 * rows)[0, 0] == pytest.approx(envelope.gram(elsewhere)[0, 0], rel=1e-3)
 
 
 def test_a_chi_squared_of_its_own_spread_stays_what_it_is() -> None:
