@@ -8,7 +8,7 @@ How much of the error it explains there shows that less well: half of a wrong si
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -38,12 +38,14 @@ class Size:
     """Standard error."""
     elsewhere: float
     elsewhere_error: float
+    whole: float = 0.0
+    """The largest of its effect in its unit, on either: what the rest of a coupling adds is small beside that."""
 
     @property
     def off(self) -> float:
-        """By which share of the larger they differ at least, chance taken off: 0 where it may be chance."""
+        """By which share of the largest they differ at least, chance taken off: 0 where it may be chance."""
         apart = abs(self.elsewhere - self.fitted) - CERTAIN * float(np.hypot(self.error, self.elsewhere_error))
-        return max(0.0, apart) / max(abs(self.fitted), abs(self.elsewhere), 1e-300)
+        return max(0.0, apart) / max(self.whole, abs(self.fitted), abs(self.elsewhere), 1e-300)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -90,12 +92,19 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
         return None  # feedback may have moved the one and not the other
     names = model.structure.names
     here, there = (np.sqrt(np.maximum(np.diag(each.covariance), 0)) for each in (one.estimate, again))
-    found = []
-    for parameter in (each for effect in effects for each in effect.parameters):
-        if parameter.name not in names or parameter.name in {*fixed, *again.at_bound}:
-            continue
-        i = names.index(parameter.name)
-        values = (float(model.values[i]), float(here[i]), float(again.model.values[i]), float(there[i]))
-        if np.all(np.isfinite(values)):
-            found.append(Size(parameter, *values))
+    found: list[Size] = []
+    for effect in effects:
+        own = []
+        for parameter in effect.parameters:
+            if parameter.name not in names or parameter.name in {*fixed, *again.at_bound}:
+                continue
+            i = names.index(parameter.name)
+            values = (float(model.values[i]), float(here[i]), float(again.model.values[i]), float(there[i]))
+            if np.all(np.isfinite(values)):
+                own.append(Size(parameter, *values))
+        found += [replace(one, whole=_largest(own, one.parameter.unit)) for one in own]
     return found
+
+
+def _largest(sizes: Sequence[Size], unit: str) -> float:
+    return max(abs(value) for one in sizes if one.parameter.unit == unit for value in (one.fitted, one.elsewhere))

@@ -10,7 +10,7 @@ from sysid.data.dataset import prepared
 from sysid.diagnose import diagnose, refits, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import axes
-from sysid.fit.clocks import thinned_loop
+from sysid.fit.clocks import found_hold
 from sysid.fit.estimate import estimate
 from sysid.model.paper import TPP
 
@@ -35,10 +35,12 @@ def asked(seed: int) -> Diagnosis:
 def test_gusts_do_not_hide_that_a_log_thinned_the_commands() -> None:
     flown = fly(PITCHED_BY_COLLECTIVE)
     on = prepared(records(flown)[: flown.plan.fitted], (0.0, 15.0))
-    thinned = thinned_loop(estimate(TPP, on.viewed(TPP.inputs), weights="constant").model, on)
-    assert thinned is not None
+    bare = estimate(TPP, on.viewed(TPP.inputs), weights="constant").model
+    hold = found_hold(bare, on, {}, lambda runs, near: estimate(TPP, runs.viewed(TPP.inputs), near).model)
+    assert hold is not None
     early_s = 0.5 * (1 / flown.plan.log_hz - 1 / flown.plan.loop_hz)
-    assert thinned[0].early_s == pytest.approx(early_s, abs=3 * thinned[0].error_s)
+    assert hold.what.early_s == pytest.approx(early_s, abs=3 * hold.what.error_s)
+    assert hold.loop_s == pytest.approx(1 / flown.plan.loop_hz, abs=6 * hold.what.error_s)
 
 
 @pytest.mark.thorough

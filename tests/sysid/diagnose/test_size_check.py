@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -85,3 +86,11 @@ def test_chance_is_taken_off(elsewhere: float, error: float, off: float) -> None
     size = Size(parameter, 1.0, 0.0, elsewhere, error)
     assert size.off == pytest.approx(off)
     assert (size.off > LARGEST_DIFFERENCE) is (off > LARGEST_DIFFERENCE)
+
+
+def test_what_a_coupling_adds_elsewhere_is_held_against_all_of_it() -> None:
+    minor = next(one for one in catalogue()["input_coupling"].parameters if one.name == "L_delta_c")
+    alone = Size(minor, -5.1, 0.8, 1.0, 0.8)
+    assert alone.off > LARGEST_DIFFERENCE
+    assert replace(alone, whole=17.0).off < LARGEST_DIFFERENCE
+    assert replace(alone, whole=2.0).off == alone.off

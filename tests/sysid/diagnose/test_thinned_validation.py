@@ -11,7 +11,7 @@ from planted_fits import records
 
 from sysid.data.dataset import Dataset
 from sysid.data.record import Record
-from sysid.diagnose.thinned import held, samples_lost, telling, untold
+from sysid.diagnose.thinned import samples_lost, telling, untold
 
 BAND = (0.5, 10.0)
 LOOP_S = 0.002
@@ -65,7 +65,7 @@ def test_a_log_that_is_slower_than_loops_and_does_not_tell_of_its_own_is_told_ap
     nothing_told = on(every(chirp, None))
     assert untold(nothing_told)
     assert samples_lost(nothing_told)
-    found_since = held(nothing_told, LOOP_S)
+    found_since = nothing_told.held(LOOP_S)
     assert untold(found_since)
     assert samples_lost(found_since)
     told = on(every(chirp))
