@@ -15,6 +15,7 @@ from sysid.diagnose.evidence import (
     covariance,
     instrumental_step,
     power_left,
+    residual_at,
     white_residual,
 )
 from sysid.fit.innovations import Innovations
@@ -119,10 +120,12 @@ def _moved(one: Candidate, white: White, metric: Whitening) -> tuple[Candidate, 
     itself may have no response."""
     loose = [one.model.structure.names.index(name) for name in one.free]
     step = SHY * white.move(one)
+    least = white.left - SETTLED
     for part in PARTS:
         values = one.model.values.copy()
         values[loose] += part * step
-        there = one.at(values)
-        if there is not None and (moved := White.of(there, metric)).left < white.left - SETTLED:
-            return there, moved
+        rest = residual_at(one, values, metric)  # derivatives cost many times as much
+        if rest is not None and white.power(rest) < least:
+            there = one.at(values)
+            return None if there is None else (there, White.of(there, metric))
     return None

@@ -118,13 +118,15 @@ class Candidate:
             here = min(here, told, key=lambda one: power_left(one, metric))
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
+            least = float(e @ e) - LITTLE_MOVED
             for step in _steps(J, e):
                 before, values = here.model.values, here.model.values.copy()
                 values[loose] += step
                 # a bound itself may have no response
                 values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
-                there = here.at(values)
-                if there is not None and power_left(there, metric) < float(e @ e) - LITTLE_MOVED:
+                rest = residual_at(here, values, metric)  # derivatives cost many times as much
+                there = here.at(values) if rest is not None and float(rest @ rest) < least else None
+                if there is not None:
                     here = there
                     break
             else:
@@ -275,6 +277,16 @@ def white_residual(one: Candidate, metric: Whitening) -> FloatArray:
     return np.asarray(metric(_residual(one))[0])
 
 
+def residual_at(one: Candidate, values: FloatArray, metric: Whitening) -> FloatArray | None:
+    """(N,), what it would leave in white rows with other values; None where they have no response."""
+    try:
+        with np.errstate(all="ignore"):
+            Y = [respond(one.model.structure, values, group, False).Y for group in one.dataset.stacks]
+    except np.linalg.LinAlgError:
+        return None
+    return np.asarray(metric([(group.Y - some)[None] for group, some in zip(one.dataset.stacks, Y, strict=True)])[0])
+
+
 def _residual(one: Candidate) -> list[ComplexArray]:
     """For every stack (1, k, bins)."""
     return [(group.Y - Y)[None] for group, Y in zip(one.dataset.stacks, one.Y, strict=True)]
@@ -376,7 +388,11 @@ class White:
     @property
     def left(self) -> float:
         """Power where the excitation shows, or all of it where none is logged."""
-        rest = self.residual if self.shown is None else self.shown.caused(self.residual)
+        return self.power(self.residual)
+
+    def power(self, row: FloatArray) -> float:
+        """The same of another row (N,)."""
+        rest = row if self.shown is None else self.shown.caused(row)
         return float(rest @ rest)
 
     def move(self, one: Candidate) -> FloatArray:

@@ -20,16 +20,15 @@ def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) ->
     """Commands (c, n) -> mean servo positions (c, n) over each sample of dt seconds. Starts without lag."""
     step = parameters["rate"] * dt
     position = commands.copy()  # at the end of each sample
-    for row in position:
-        left_behind = np.flatnonzero(np.abs(np.diff(row)) > step) + 1
-        if left_behind.size:
-            row[:] = _followed(row.tolist(), left_behind.tolist(), step)
+    too_fast = np.abs(np.diff(position, axis=1)) > step
+    for row, some in zip(position, too_fast, strict=True):
+        _follow(memoryview(row), (np.flatnonzero(some) + 1).tolist(), step)
     moved = np.diff(position, axis=1, prepend=position[:, :1])
     return np.asarray(position - 0.5 / step * moved * np.abs(moved))
 
 
-def _followed(command: list[float], left_behind: Sequence[int], step: float) -> list[float]:
-    """Positions at the end of each sample, in the commands' place; `left_behind`: samples that change by more."""
+def _follow(command: memoryview[float], left_behind: Sequence[int], step: float) -> None:
+    """Put positions at the end of each sample in the commands' place; `left_behind`: samples that change by more."""
     caught_up = 0
     for first in left_behind:
         if first <= caught_up:
@@ -44,7 +43,6 @@ def _followed(command: list[float], left_behind: Sequence[int], step: float) -> 
             else:
                 break
             command[caught_up] = at
-    return command
 
 
 EFFECT = Effect(

@@ -11,9 +11,9 @@ here; where no excitation is logged the commands stand for themselves, and what 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -116,7 +116,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     """
     scale = np.concatenate([group.scale for group in stacks])
     asked = _Asked.of(scale * np.concatenate(error.residuals, axis=1), stacks, by, window_hz or WINDOW_HZ)
-    explained, count = asked.explained, asked.edges_hz.size - 1
+    explained, count = asked.explained, asked.on.edges_hz.size - 1
     around = np.array([_neighbours(explained.rest, number) for number in range(count)])
     freedom = np.array([max(_neighbours(explained.free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
@@ -124,7 +124,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     tiny = LEAST_LEVEL * np.max(own, initial=1e-300)
     unknown = explained.unknown
     return Division(
-        edges_hz=asked.edges_hz,
+        edges_hz=asked.on.edges_hz,
         power=explained.power,
         explained=np.real(np.einsum("wkk->wk", explained.found)) - unknown[:, None] * own,
         by_command=explained.by_command - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
@@ -191,52 +191,90 @@ class Caused:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Asked:
-    """Bins held against what the references span, window by window."""
+class _Layout:
+    """Bins in windows, and what the references span there: all that no residual has a part in."""
 
     edges_hz: FloatArray
-    explained: _Explained
-    span: _Span
-    residual: ComplexArray
-    """(k, bins), window after window;"""
-    reference: ComplexArray
-    """(m, bins), the references there,"""
+    order: NDArray[np.int64]
+    """Of the bins, window after window,"""
     place: FloatArray
-    """(bins,), where each bin is within its window, -1..1,"""
+    """(bins,), where each is within its window, -1..1,"""
     segment: NDArray[np.int64]
     """(bins,), that it belongs to,"""
     starts: NDArray[np.int64]
     """(w + 1,), where windows begin,"""
     turns: FloatArray
     """(bins,), and how often the bin's frequency turns in the time of its segment."""
+    reference: ComplexArray
+    """(m, bins), the references there,"""
+    span: _Span
+    """what they span,"""
+    lines: tuple[ComplexArray, ...]
+    """and what was caused in each command alone does, (w, 2, bins of the largest window)."""
     rank: NDArray[np.int64]
     """(segments,), each one's place by its log and its time there: which draw is its, in whatever order runs came."""
+    _draws: list[np.random.Generator] = field(default_factory=lambda: np.random.default_rng(1).spawn(SHIFTS))
+    _late: list[_Span] = field(default_factory=list)
 
     @classmethod
-    def of(cls, y: ComplexArray, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Asked:
+    def of(cls, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Layout:
         scale = np.concatenate([group.scale for group in stacks])
         frequency, segment, edges = _laid_out(stacks, window_hz)
         x, z = (scale * np.concatenate(each, axis=1) for each in (by.caused, by.reference))
         order, starts = _cut(frequency, edges)
         place = _places(frequency[order], edges, starts)
-        y, x, z = (each[:, order] for each in (y, x, z))
+        x, z = x[:, order], z[:, order]
         spectra = [one for group in stacks for one in group.spectra]
         seconds = np.array([one.samples * one.dt for one in spectra])
         logged = [(one.segment.record.sha256, one.segment.start_s) for one in spectra]
-        rank = np.argsort(sorted(range(len(logged)), key=logged.__getitem__))
         span = _Span.of(z, place, segment[order], starts)
         return cls(
             edges_hz=edges,
-            explained=_explained(y, x, place, span),
-            span=span,
-            residual=y,
-            reference=z,
+            order=order,
             place=place,
             segment=segment[order],
             starts=starts,
             turns=(frequency * seconds[segment])[order],
-            rank=rank,
+            reference=z,
+            span=span,
+            lines=tuple(
+                orthonormal_each(span.windows.of(np.stack([row, place * row])), REFERENCES_RANK)
+                for row in span.ends.less(x)
+            ),
+            rank=np.argsort(sorted(range(len(logged)), key=logged.__getitem__)),
         )
+
+    def late(self) -> Iterator[_Span]:
+        """What references span that were at another time in each run: they explain nothing, and meet the noise as it
+        comes and goes. Each draw is made once, whatever is held against it."""
+        for number, rng in enumerate(self._draws):
+            if number == len(self._late):
+                late = rng.uniform(0.0, 1.0, self.rank.size)[self.rank]
+                shifted = self.reference * np.exp(-2j * np.pi * self.turns * late[self.segment])
+                self._late.append(_Span.of(shifted, self.place, self.segment, self.starts))
+            yield self._late[number]
+
+
+@lru_cache(maxsize=4)
+def _layout(stacks: tuple[Stack, ...], by: Causes, window_hz: float) -> _Layout:
+    """Kept: every candidate's residual is asked on the same bins."""
+    return _Layout.of(stacks, by, window_hz)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Asked:
+    """A residual held against what the references span, window by window."""
+
+    on: _Layout
+    residual: ComplexArray
+    """(k, bins), window after window."""
+    explained: _Explained
+
+    @classmethod
+    def of(cls, y: ComplexArray, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Asked:
+        on = _layout(tuple(stacks), by, window_hz)
+        y = y[:, on.order]
+        return cls(on=on, residual=y, explained=_explained(y, on))
 
     def surprise(self, tiny: float) -> tuple[float, int]:
         """Chi squared of all windows, and its degrees of freedom; `tiny` is a power that all noise has."""
@@ -244,7 +282,7 @@ class _Asked:
         chi_squared, degrees = _surprise(asked.found, asked.rest, asked.unknown, asked.free, tiny)
         if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
             noise = self._noise()
-            draws = (self._shifted(noise, rng, tiny) for rng in np.random.default_rng(1).spawn(SHIFTS))
+            draws = (_by_chance(noise, span, tiny) for span in self.on.late())
             within, beyond = (float(degrees + times * np.sqrt(2 * degrees)) for times in (WORTH_A_LOOK, NO_CHANCE))
             steady = as_steady_by(draws, chi_squared, degrees, within, beyond)
             if steady < beyond:
@@ -253,20 +291,17 @@ class _Asked:
 
     def _noise(self) -> ComplexArray:
         """The residual's bins (w, k, bins of the largest window), what is explained counting as much as noise may."""
-        span, explained = self.span, self.explained
+        span, explained = self.on.span, self.explained
         Y = span.windows.of(span.ends.less(self.residual))
         by_chance = explained.unknown * _power(explained.rest) / np.maximum(explained.free, 1.0)
         kept = np.sqrt(np.minimum(1.0, FOUND * by_chance / np.maximum(_power(explained.found), 1e-300)))
         return np.asarray(Y - (1 - kept)[:, None, None] * (Y @ span.basis.conj().swapaxes(1, 2)) @ span.basis)
 
-    def _shifted(self, noise: ComplexArray, rng: np.random.Generator, tiny: float) -> float:
-        """Chi squared of references that were at another time in each run: they explain nothing, and meet the noise as
-        it comes and goes."""
-        late = rng.uniform(0.0, 1.0, self.rank.size)[self.rank]
-        shifted = self.reference * np.exp(-2j * np.pi * self.turns * late[self.segment])
-        span = _Span.of(shifted, self.place, self.segment, self.starts)
-        found, rest = span.shares(noise)
-        return _surprise(found, rest, span.unknown.astype(float), span.free.astype(float), tiny)[0]
+
+def _by_chance(noise: ComplexArray, span: _Span, tiny: float) -> float:
+    """Chi squared of noise (w, k, bins of the largest window) held against what explains nothing."""
+    found, rest = span.shares(noise)
+    return _surprise(found, rest, span.unknown.astype(float), span.free.astype(float), tiny)[0]
 
 
 def _laid_out(stacks: Sequence[Stack], window_hz: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
@@ -357,24 +392,22 @@ class _Explained(NamedTuple):
     """(w,), and bins beyond these."""
 
 
-def _explained(y: ComplexArray, x: ComplexArray, place: FloatArray, span: _Span) -> _Explained:
-    """Bins of the residual (k, n) and of what was caused in the commands (m, n), window after window."""
-    windows, ends, unknown = span.windows, span.ends, span.unknown
-    power = np.sum(np.abs(windows.of(y)) ** 2, axis=2)
-    y, x = ends.less(y), ends.less(x)
-    Y = windows.of(y)
+def _explained(y: ComplexArray, on: _Layout) -> _Explained:
+    """Bins of the residual (k, n), window after window."""
+    span = on.span
+    power = np.sum(np.abs(span.windows.of(y)) ** 2, axis=2)
+    Y = span.windows.of(span.ends.less(y))
     found, rest = span.shares(Y)
     alone = []
-    for row in x:
-        line = orthonormal_each(windows.of(np.stack([row, place * row])), REFERENCES_RANK)
+    for line in on.lines:
         each = Y @ line.conj().swapaxes(1, 2)
-        alone.append(np.sum(np.abs(each) ** 2, axis=2) * (unknown > 0)[:, None])
+        alone.append(np.sum(np.abs(each) ** 2, axis=2) * (span.unknown > 0)[:, None])
     return _Explained(
         power=power,
         by_command=np.stack(alone, axis=2),
         found=found,
         rest=rest,
-        unknown=unknown.astype(float),
+        unknown=span.unknown.astype(float),
         free=span.free.astype(float),
     )
 

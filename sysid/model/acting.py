@@ -24,8 +24,9 @@ LARGE_STEP, PARTS = 1e-2, 8
 STEADY = PARTS**0.25
 """How many times the root sum of squares of the parts' changes the whole one is at least, where it does: between the
 root of PARTS, where each part changes the same, and 1, where no part changes what another does."""
-KEPT = 4
-"""Bins of acting commands, for each run."""
+KEPT = 48
+"""Bins of acting commands, for each run: of the points of all grids, which are asked beside one effect after another,
+and of the last values of a fit."""
 
 
 @lru_cache(maxsize=256)
@@ -55,11 +56,17 @@ def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]
     squares add up.
     """
     front, _ = divided(structure)
-    names = [name for effect in front for name in effect.names if effect.samples is not None]
-    if not names:
-        return []
     named = structure.by_name(values)
-    segment = stack.spectra[0].segment
+    at = tuple((name, named[name]) for effect in front for name in effect.names)
+    return list(_jumping(structure, front, stack.spectra[0].segment, at))
+
+
+@lru_cache(maxsize=64)
+def _jumping(
+    structure: Structure, front: tuple[Effect, ...], segment: Segment, at: tuple[tuple[str, float], ...]
+) -> tuple[str, ...]:
+    """Kept: a fit asks where it ended, and all that judges it again."""
+    named = dict(at)
 
     def jumps(name: str) -> bool:
         steps = 1 + LARGE_STEP * np.arange(PARTS + 1) / PARTS
@@ -68,7 +75,7 @@ def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]
         whole = float(np.linalg.norm(acting[-1] - acting[0]))
         return bool(0 < whole < STEADY * parts)
 
-    return [name for name in names if jumps(name)]
+    return tuple(name for effect in front if effect.samples is not None for name in effect.names if jumps(name))
 
 
 def linear_dynamics(structure: Structure) -> bool:
