@@ -1,7 +1,8 @@
 """The band of a fit that nobody named: what was swept.
 
 Below a sweep the controller moves the commands, above it hardly anything does, and there a model is fitted to what it
-does not describe. A chirp flown with noise on it, as the paper's, moves more than it sweeps, and has the paper's band.
+does not describe. A chirp flown with noise on it, as the paper's, moves more than it sweeps, and has the paper's band;
+but not in a log that lost samples of it: noise from between those folds back, and is most of what it has beyond.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from sysid.data.preprocess import DEFAULT_BAND_HZ
+from sysid.data.preprocess import DEFAULT_BAND_HZ, lost_commands
 from sysid.data.record import Record
 
 Band = tuple[float, float]
@@ -58,7 +59,8 @@ def swept_band(records: Sequence[Record]) -> ChosenBand | None:
         by_axis.setdefault(str(record.axis), []).append(record.swept_band_hz)
     if not by_axis:
         return None
-    if any(record.chirp_noise for record in sweeps):
+    lost = any(lost_commands(record.duration_s / (record.t.size - 1), record) for record in sweeps)
+    if not lost and any(record.chirp_noise for record in sweeps):
         return ChosenBand(DEFAULT_BAND_HZ, BandFrom.NOISE)
     common = common_band(by_axis)
     return USUAL if common is None else ChosenBand(_carried(common, records), BandFrom.SWEPT)

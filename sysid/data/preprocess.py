@@ -22,6 +22,8 @@ from sysid.data.record import FloatArray, Record
 ComplexArray = NDArray[np.complex128]
 MINIMUM_SEGMENT_S = 2.0
 OFF_CLOCK = 0.1  # of a sample
+SLOW_S = 1 / 220
+"""Samples of a log that no loop of a flying vehicle is likely to share."""
 EVERY_LOOP = 0.8
 """Of a sample: a loop that takes longer was logged whole, but for a few samples."""
 DEFAULT_BAND_HZ = (0.0, 15.0)
@@ -176,6 +178,12 @@ def held_s(dt: float, record: Record) -> float:
     """How long a command was held, s: a sample, or the vehicle's loop where that is known to be shorter."""
     loop_s = record.loop_dt_s
     return dt if loop_s is None or loop_s >= EVERY_LOOP * dt else loop_s
+
+
+def lost_commands(dt: float, record: Record) -> bool:
+    """Whether the loop gave commands that a log of this sample, s, has not, or is likely to have: a slow one that does
+    not tell."""
+    return dt >= SLOW_S if record.loop_dt_s is None else held_s(dt, record) < dt
 
 
 def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:

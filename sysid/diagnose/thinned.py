@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import Spectrum, held_s
-from sysid.data.record import CYCLIC, Record
+from sysid.data.preprocess import SLOW_S, Spectrum, held_s, lost_commands
+from sysid.data.record import CYCLIC
 from sysid.diagnose.evidence import Candidate
 from sysid.fit.check_kinds import CommandsThinned
-from sysid.fit.clocks import SLOW_S, found_hold
+from sysid.fit.clocks import found_hold
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray, Model
 
@@ -84,7 +84,7 @@ def untold(runs: Dataset) -> bool:
 
 def samples_lost(runs: Dataset) -> bool:
     """Whether a log that is slower than any likely loop lost samples of its commands, as far as is known."""
-    return untold(runs) or any(piece.dt >= SLOW_S and _thinned(piece.dt, piece.record) for piece in runs.pieces)
+    return untold(runs) or any(piece.dt >= SLOW_S and lost_commands(piece.dt, piece.record) for piece in runs.pieces)
 
 
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:
@@ -105,13 +105,11 @@ def telling(runs: Dataset) -> Dataset | None:
     A log slower than the loop, or than any likely one where it does not tell, lost when a step was, and a model that is
     exact misses the answer by as much.
     """
-    lost = {id(one.segment.record) for one in runs.spectra if _thinned(one.dt, one.segment.record) and _folded(one)}
+    lost = {
+        id(one.segment.record) for one in runs.spectra if lost_commands(one.dt, one.segment.record) and _folded(one)
+    }
     kept = tuple(one for one in runs.records if id(one) not in lost)
     return runs.of(kept) if kept else None
-
-
-def _thinned(dt: float, record: Record) -> bool:
-    return (record.loop_dt_s is None and dt >= SLOW_S) or held_s(dt, record) < dt
 
 
 def _folded(run: Spectrum) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import RESPONSE
+from sysid.data.preprocess import RESPONSE, SLOW_S
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
@@ -37,8 +37,6 @@ LITTLE_S, LIKELY = 3e-4, 3.0
 SHORTEST_S = 1e-3
 """That a loop holds commands, at least: a shorter hold would move them by half a millisecond at most, which no log so
 slow tells, and what acts on samples is simulated on the loop's."""
-SLOW_S = 1 / 220
-"""Samples of a log that no loop of a flying vehicle is likely to share."""
 THINNED = 1.25
 """Half samples: what is earlier than that no loop explains."""
 
