@@ -33,7 +33,6 @@ from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import NEAR, PRICES, refitted
 from sysid.diagnose.score import log_chance
-from sysid.diagnose.shares import Shares
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics
@@ -131,8 +130,9 @@ def chains_of_two(
         points = points_left(able[0], reference)
         if points < CRUMBS or _harmless(able[0], points, limit or Limit()):
             return ChainSearch(unsearched=LittleLeft(points))
-    needed = Shares.of(fitted, True, reference).needed
-    chains = _Chains(fitted, reference, say, budget, answered, needed, None if answered else _best_elsewhere(able))
+    chains = _Chains(fitted, reference, say, budget, answered)
+    if not answered and (other := _best_elsewhere(able)) is not None:
+        chains.fit(able[0], other)
     if not chains.search(able, fitted):
         return ChainSearch()  # the best one alone leaves noise
     return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
@@ -182,23 +182,12 @@ class _Chains:
     """Chains that were fitted, each pair of effects once, at its best."""
 
     def __init__(
-        self,
-        fitted: Sequence[Ranked],
-        reference: Reference,
-        say: Listener,
-        budget: float | None,
-        answered: bool,
-        needed: float,
-        elsewhere: Ranked | None,
+        self, fitted: Sequence[Ranked], reference: Reference, say: Listener, budget: float | None, answered: bool
     ) -> None:
         self.reference, self.say = reference, say
         self.budget = self.left = BUDGET if budget is None else budget
         self.tried = 0
         self.answered = answered
-        self.needed = needed
-        """Chi squared that a chain has to explain at least to be named."""
-        self.elsewhere = elsewhere
-        """What is fitted beside the first that is begun with in any case, where that is within reach."""
         self.single = {one.effect: one for one in fitted}
         """Effects that were fitted alone;"""
         self.alone = {one.effect: one for one in fitted if not one.implausible}
@@ -259,8 +248,7 @@ class _Chains:
         return not chain.outside and log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT
 
     def begin_with(self, first: Ranked) -> bool:
-        """Fit the most promising second effects beside the first, beside the very first what explains most elsewhere;
-        False where the first alone leaves noise."""
+        """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
         begun = first.fit
         assert begun is not None
         assert first.stepped is not None
@@ -275,13 +263,10 @@ class _Chains:
             self.interrupt()
             self.not_asked.append(first.effect)
             return True
-        asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
-        other, self.elsewhere = self.elsewhere, None
-        if other is not None and any(self.within_reach(first, one) for one in asked if one.effects == other.effects):
-            self.fit(first, other)
         scores = [one.score for one in seconds if one.score is not None]
         if chance_of_noise(begun.division, scores) >= SIGNIFICANT:
             return False
+        asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
         self.seconds[first.effect] = asked
         # what is dear last: the best of the others may be out of its reach by then
         chosen = self.without_twins(asked)[:SECONDS]
@@ -311,7 +296,7 @@ class _Chains:
         plausible effect alone) explains more; beside an answer, where it is dear, that it is no crumb."""
         if second.score is None:
             return True
-        if second.score.log_p > SIGNIFICANT or not self.within_reach(first, second):
+        if second.score.log_p > SIGNIFICANT:
             return False
         crumb = self.answered and second.score.chi_squared < REMAINDER * first.chi_squared
         assert first.fit is not None
@@ -319,18 +304,6 @@ class _Chains:
             return False
         best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
-
-    def within_reach(self, first: Ranked, second: Ranked) -> bool:
-        """Whether the two, by the second's score beside the first, come near to what an answer has to explain, where
-        they take simulations: what one effect and simple terms explain far better is no chain of two."""
-        if second.score is None or second.score.chi_squared >= NEAR * (self.needed - first.chi_squared):
-            return True
-        return self.linear(first, second)
-
-    def linear(self, first: Ranked, second: Ranked) -> bool:
-        """Whether a refit of both takes no simulations."""
-        assert first.fit is not None
-        return first.fit.model.structure.linear and named_effect(second.effect, self.reference.users).linear
 
     def fit(self, first: Ranked, second: Ranked) -> None:
         """Fit the second beside the first; and the first beside the second, where the one is not plausible."""
@@ -400,17 +373,11 @@ class _Chains:
             for one in self.like_alone(half):
                 if one.effect in best.effects or _names(one.effect, other) in self.found:
                     continue
-                if self.worth_exchanging(one, again) and self.not_too_dear(one, again):
+                if self.not_too_dear(one, again):
                     self.fit(one, again)
             for one in self.like_beside(other, half):
-                if one.effect in best.effects or _names(one.effect, other) in self.found:
-                    continue
-                if self.worth_exchanging(self.single[other], one):
+                if one.effect not in best.effects and _names(one.effect, other) not in self.found:
                     self.fit(self.single[other], one)
-
-    def worth_exchanging(self, first: Ranked, second: Ranked) -> bool:
-        """Whether these may be an answer in the best chain's place, which comes near to one; or take no simulations."""
-        return self.best.chi_squared >= NEAR * self.needed or self.linear(first, second)
 
     def not_too_dear(self, one: Ranked, other: Ranked) -> bool:
         """Whether a refit is cheap, or may be worth it: what alone explains less than a half of the best chain by more

@@ -176,7 +176,7 @@ def _beyond_the_catalogue(
             return chance, mode.chi_squared
     say(Asking(stage=Stage.TERMS))
     simple = search(asked_of, stepped, parent.metric, most=1)
-    return min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)]), 0.0
+    return min([chance, *(of_all_questions(one.log_p_surely, parent.division) for one in simple)]), 0.0
 
 
 def _held_against(reference: Reference, candidates: Sequence[Ranked], say: Listener) -> list[Ranked]:

@@ -129,11 +129,6 @@ class Shares:
             return False
         return self._share(one) >= EXPLAINED and not self.outdone(one)
 
-    @property
-    def needed(self) -> float:
-        """Chi squared below which everything is outdone, whatever it costs."""
-        return OF_MOST * self.most_paid
-
     def outdone(self, one: Ranked) -> bool:
         """Whether others, or simple terms, explain so much more at the same cost that it can only resemble what is
         there: powers need not show that beside the noise."""

@@ -167,6 +167,8 @@ class Term:
     log_p: float
     """Logarithm of the chance that noise alone shows as much in any of the library's entries, taken as independent:
     neighbours are not, so the chance is about a third of that."""
+    log_p_surely: float
+    """The same of no more than what is sure in bursts: an alarm."""
     coefficients: FloatArray
     """(degrees,), by one step from the parent."""
     standard_errors: FloatArray
@@ -229,7 +231,8 @@ def search(
                 entry=known.entries[head.number],
                 chi_squared=head.chi_squared,
                 degrees=len(head.coefficients),
-                log_p=min(0.0, _log_chance(head, log_p) + math.log(tried)),
+                log_p=min(0.0, _log_chance(head, head.at_least, log_p) + math.log(tried)),
+                log_p_surely=min(0.0, _log_chance(head, min(head.at_least, head.surely), log_p) + math.log(tried)),
                 coefficients=head.coefficients,
                 standard_errors=head.standard_errors,
                 error_share=error_share(_left(parent, known, [*(term.number for term in beside), head.number])),
@@ -301,6 +304,8 @@ class _Step:
     at_least: float = math.inf
     """Chi squared by the noise's power when the entry acts, where noise comes in bursts; of what is not linear by
     frequencies at which a thinned log tells how large commands are; the less of both."""
+    surely: float = math.inf
+    """The same where a loud burst counts as one draw."""
 
     @property
     def chi_squared(self) -> float:
@@ -323,12 +328,13 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         gram, e = z @ z.T, z @ stepped.residual
         inverse = np.linalg.pinv(z @ d.T)
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
-        at_least = math.inf
+        at_least = surely = math.inf
         if envelope.rough:
-            at_least = envelope.surely(_quadratic(e, envelope.covariance(z, stepped.residual)), len(z), z)
+            at_least = envelope.surely(_quadratic(e, envelope.gram(z)), len(z), z)
+            surely = envelope.surely(_quadratic(e, envelope.covariance(z, stepped.residual)), len(z), z)
         if told is not None and not known.entries[number].linear:
             at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
-        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, at_least))
+        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, at_least, surely))
     return found
 
 
@@ -336,12 +342,12 @@ def _quadratic(e: FloatArray, covariance: FloatArray) -> float:
     return float(e @ np.linalg.pinv(covariance, hermitian=True) @ e)
 
 
-def _log_chance(step: _Step, log_p: FloatArray) -> float:
+def _log_chance(step: _Step, at_least: float, log_p: FloatArray) -> float:
     """Of one entry; by what is sure of it, where that is the more likely."""
     usual = float(log_p[step.number])
-    if not math.isfinite(step.at_least):
+    if not math.isfinite(at_least):
         return usual
-    return max(usual, float(log_chances(np.array(step.at_least), np.array(len(step.coefficients)))))
+    return max(usual, float(log_chances(np.array(at_least), np.array(len(step.coefficients)))))
 
 
 def _together(answers: Sequence[list[ComplexArray]]) -> list[ComplexArray]:

@@ -169,8 +169,8 @@ def test_a_refit_is_dearer_where_more_has_to_be_simulated() -> None:
     assert len(set(prices)) == 4
 
 
-def search_of(answered: bool, *single: Ranked, needed: float = 0.0) -> chains._Chains:
-    return chains._Chains(single, cast("Any", None), lambda _: None, None, answered, needed, None)
+def search_of(answered: bool, *single: Ranked) -> chains._Chains:
+    return chains._Chains(single, cast("Any", None), lambda _: None, None, answered)
 
 
 def scored(name: str, chi_squared: float) -> Ranked:
@@ -190,46 +190,6 @@ def test_what_is_dear_and_little_is_tried_beside_what_is_no_answer(monkeypatch: 
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
     assert search_of(False, stiff).promising(stiff, scored("rotor_speed", 253.0))
     assert not search_of(True, stiff).promising(stiff, scored("rotor_speed", 253.0))
-
-
-def test_no_simulation_is_spent_on_what_comes_nowhere_near_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    stiff = alone("attitude_stiffness", 307.0)
-    far, near = scored("servo_rate_limit", 191.0), scored("servo_rate_limit", 400.0)
-    search = search_of(False, stiff, needed=771.0)
-    monkeypatch.setattr(chains._Chains, "linear", lambda *_: False)
-    assert not search.promising(stiff, far)
-    assert search.promising(stiff, near)
-    assert search_of(False, stiff).promising(stiff, far), "nothing else explains more"
-    monkeypatch.setattr(chains._Chains, "linear", lambda *_: True)
-    assert search.promising(stiff, far), "it costs little, and may be told beside what is not known"
-
-
-@EFFECTS
-@pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("hidden", ["servo_lag", "servo_backlash"])
-def test_what_scores_put_out_of_reach_does_not_explain_what_an_answer_has_to(
-    monkeypatch: pytest.MonkeyPatch, hidden: str
-) -> None:
-    reach: dict[tuple[str, ...], tuple[bool, float]] = {}
-    within_reach, begin_with = chains._Chains.within_reach, chains._Chains.begin_with
-
-    def told(search: chains._Chains, first: Ranked) -> bool:
-        found = begin_with(search, first)
-        for second in search.seconds.get(first.effect, []):
-            reach[first.effect, second.effect] = within_reach(search, first, second), search.needed
-        return found
-
-    monkeypatch.setattr(chains._Chains, "begin_with", told)
-    monkeypatch.setattr(chains._Chains, "linear", lambda *_: False)  # it is asked of all,
-    monkeypatch.setattr(chains._Chains, "within_reach", lambda *_: True)  # and whatever it says, they are fitted
-    monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)  # after the right one, too
-    runs = fly_many(hidden, PLANTED[hidden], seeds=[31], duration_s=8.0, noise=0.004)[0]
-    turned = [{**run, "p": run["p"] + TURNED * run["q"], "q": run["q"] - TURNED * run["p"]} for run in runs]
-    found = asked(records(turned))
-    assert set(found.chain) == {hidden, "gyro_misalignment"}
-    for pair in found.pairs:
-        near, needed = reach.get(pair.effects, (True, 0.0))
-        assert near or pair.chi_squared < needed
 
 
 def test_beside_one_that_only_stands_in_and_leaves_noise_others_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,6 +107,7 @@ def term(*parts: tuple[str, tuple[Factor, ...]], as_well: tuple[Entry, ...] = ()
         chi_squared=900.0,
         degrees=len(parts),
         log_p=-400.0,
+        log_p_surely=-400.0,
         coefficients=sizes,
         standard_errors=0.01 * np.abs(sizes),
         error_share=0.01,
