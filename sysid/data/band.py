@@ -59,10 +59,11 @@ def swept_band(records: Sequence[Record]) -> ChosenBand | None:
         by_axis.setdefault(str(record.axis), []).append(record.swept_band_hz)
     if not by_axis:
         return None
-    lost = any(lost_commands(record.duration_s / (record.t.size - 1), record) for record in sweeps)
-    if not lost and any(record.chirp_noise for record in sweeps):
-        return ChosenBand(DEFAULT_BAND_HZ, BandFrom.NOISE)
     common = common_band(by_axis)
+    if any(record.chirp_noise for record in sweeps):
+        lost = any(lost_commands(record.duration_s / (record.t.size - 1), record) for record in sweeps)
+        high_hz = DEFAULT_BAND_HZ[1] if common is None or not lost else min(common[1], DEFAULT_BAND_HZ[1])
+        return ChosenBand((DEFAULT_BAND_HZ[0], high_hz), BandFrom.NOISE)
     return USUAL if common is None else ChosenBand(_carried(common, records), BandFrom.SWEPT)
 
 

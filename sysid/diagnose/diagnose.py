@@ -152,7 +152,10 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
 
 
 def _as_likely(other: _Asked, asked: _Asked) -> bool:
-    """Whether the best that explains the runs as the other takes them is no less likely."""
+    """Whether the best that explains the runs as the other takes them is no less likely; where nothing explains them
+    either way, what is wrong is not how long commands were held."""
+    if other.answer.verdict == asked.answer.verdict == "unexplained":
+        return False
     here, there = (one.candidates[0].fit or one.reference.parent for one in (asked, other))
     metric = min(here, there, key=_error).metric
     added = len(there.J[0]) - len(here.J[0])
