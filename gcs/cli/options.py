@@ -54,8 +54,9 @@ def add_band_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--band",
         metavar="LOW:HIGH",
-        help="Hz, the frequencies that count (default: what was swept; where noise was flown with the chirps, 0:15; "
-        "where nothing was swept, where the rates follow the commands)",
+        help="Hz, the frequencies that count (default: what was swept; where noise was flown with the chirps, 0:15, in "
+        "a log that lost samples of it up to the sweep's end; where nothing was swept, where the rates follow the "
+        "commands)",
     )
 
 

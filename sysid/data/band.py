@@ -29,6 +29,8 @@ class BandFrom(enum.StrEnum):
     SWEPT = "swept"
     NOISE = "noise"
     """Noise was flown with the chirps."""
+    NOISE_LOST = "noise, samples lost"
+    """The same, in a log that has not every sample of it."""
     COHERENT = "coherent"
     """Nothing was swept; there the rates follow the commands."""
     USUAL = "usual"
@@ -61,9 +63,11 @@ def swept_band(records: Sequence[Record]) -> ChosenBand | None:
         return None
     common = common_band(by_axis)
     if any(record.chirp_noise for record in sweeps):
+        low_hz, high_hz = DEFAULT_BAND_HZ
         lost = any(lost_commands(record.duration_s / (record.t.size - 1), record) for record in sweeps)
-        high_hz = DEFAULT_BAND_HZ[1] if common is None or not lost else min(common[1], DEFAULT_BAND_HZ[1])
-        return ChosenBand((DEFAULT_BAND_HZ[0], high_hz), BandFrom.NOISE)
+        if lost and common is not None and common[1] < high_hz:
+            return ChosenBand((low_hz, common[1]), BandFrom.NOISE_LOST)
+        return ChosenBand(DEFAULT_BAND_HZ, BandFrom.NOISE)
     return USUAL if common is None else ChosenBand(_carried(common, records), BandFrom.SWEPT)
 
 

@@ -28,7 +28,7 @@ CERTAIN = 3.0
 """Standard errors of a difference that chance may make."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Size:
     """One parameter on the fitted runs and on others."""
 
@@ -99,9 +99,15 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
             if parameter.name not in names or parameter.name in {*fixed, *again.at_bound}:
                 continue
             i = names.index(parameter.name)
-            values = (float(model.values[i]), float(here[i]), float(again.model.values[i]), float(there[i]))
-            if np.all(np.isfinite(values)):
-                own.append(Size(parameter, *values))
+            size = Size(
+                parameter=parameter,
+                fitted=float(model.values[i]),
+                error=float(here[i]),
+                elsewhere=float(again.model.values[i]),
+                elsewhere_error=float(there[i]),
+            )
+            if np.all(np.isfinite((size.fitted, size.error, size.elsewhere, size.elsewhere_error))):
+                own.append(size)
         found += [replace(one, whole=_largest(own, one.parameter.unit)) for one in own]
     return found
 

@@ -292,7 +292,7 @@ def log_chances(chi_squared: FloatArray, degrees: AnyArray) -> FloatArray:
     return np.where(degrees == 2, -0.5 * chi_squared, math.log(2) + log_ndtr(-np.sqrt(chi_squared)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Step:
     """One entry's step from the parent."""
 
@@ -334,7 +334,16 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
             surely = envelope.surely(_quadratic(e, envelope.covariance(z, stepped.residual)), len(z), z)
         if told is not None and not known.entries[number].linear:
             at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
-        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, at_least, surely))
+        found.append(
+            _Step(
+                number=number,
+                coefficients=inverse @ e,
+                standard_errors=spread,
+                explains=np.linalg.pinv(gram, hermitian=True) @ e @ z,
+                at_least=at_least,
+                surely=surely,
+            )
+        )
     return found
 
 

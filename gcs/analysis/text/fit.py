@@ -39,6 +39,7 @@ BAND_REASONS = {
     BandFrom.GIVEN: "as asked for",
     BandFrom.SWEPT: "what was swept",
     BandFrom.NOISE: "the usual one, for the chirps were flown with noise on them",
+    BandFrom.NOISE_LOST: "up to the sweep's end, for the log lost samples of the noise that was flown on it",
     BandFrom.COHERENT: "no sweep is known, there the rates follow the commands",
     BandFrom.USUAL: "the usual one, for no sweep and no coherence tell of another",
 }

@@ -83,14 +83,14 @@ def test_runs_that_do_not_determine_a_size_say_nothing() -> None:
 @pytest.mark.parametrize(("elsewhere", "error", "off"), [(0.8, 0.01, 0.17), (0.8, 0.1, 0.0), (-1.0, 0.0, 2.0)])
 def test_chance_is_taken_off(elsewhere: float, error: float, off: float) -> None:
     parameter = catalogue()["servo_lag"].parameters[0]
-    size = Size(parameter, 1.0, 0.0, elsewhere, error)
+    size = Size(parameter=parameter, fitted=1.0, error=0.0, elsewhere=elsewhere, elsewhere_error=error)
     assert size.off == pytest.approx(off)
     assert (size.off > LARGEST_DIFFERENCE) is (off > LARGEST_DIFFERENCE)
 
 
 def test_what_a_coupling_adds_elsewhere_is_held_against_all_of_it() -> None:
     minor = next(one for one in catalogue()["input_coupling"].parameters if one.name == "L_delta_c")
-    alone = Size(minor, -5.1, 0.8, 1.0, 0.8)
+    alone = Size(parameter=minor, fitted=-5.1, error=0.8, elsewhere=1.0, elsewhere_error=0.8)
     assert alone.off > LARGEST_DIFFERENCE
     assert replace(alone, whole=17.0).off < LARGEST_DIFFERENCE
     assert replace(alone, whole=2.0).off == alone.off
