@@ -35,6 +35,11 @@ WORTH_A_LOOK = math.log(0.01)
 """Chance, from which on it is asked what bursts of the noise, or a thinned log, would make of it."""
 
 
+BEYOND_BURSTS = math.log(1e-9)
+"""Chance, by the noise's power over time, below which no burst explains it: what a model fails at is loud there, too.
+One clean flight with a burst of 15 times the power had 1e-5."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """How much of the residual an effect would explain, by one step from the parent."""
@@ -66,7 +71,9 @@ class Score:
 
     @property
     def log_p_surely(self) -> float:
-        """`log_p` with no more than what is sure in bursts."""
+        """`log_p` with no more than what is sure in bursts, where these may make as much."""
+        if self.log_p < BEYOND_BURSTS:
+            return self.log_p
         there = log_chance(min(self.chi_squared, self.at_least, self.surely), self.degrees)
         return min(0.0, there + math.log(self.tried))
 

@@ -15,6 +15,7 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
+from sysid.diagnose.score import BEYOND_BURSTS
 from sysid.diagnose.terms import Entry
 from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.innovations import Innovations
@@ -226,13 +227,17 @@ def search(
         alike = [one for one in steps if one is best or _as_well(best, one)]
         equal = [one for one in alike if log_p[one.number] < log_p[best.number] + EQUAL]
         head = min(equal, key=lambda one: (known.entries[one.number].signals, log_p[one.number]))
+        usual, surely = (
+            min(0.0, _log_chance(head, least, log_p) + math.log(tried))
+            for least in (head.at_least, min(head.at_least, head.surely))
+        )
         found.append(
             Term(
                 entry=known.entries[head.number],
                 chi_squared=head.chi_squared,
                 degrees=len(head.coefficients),
-                log_p=min(0.0, _log_chance(head, head.at_least, log_p) + math.log(tried)),
-                log_p_surely=min(0.0, _log_chance(head, min(head.at_least, head.surely), log_p) + math.log(tried)),
+                log_p=usual,
+                log_p_surely=usual if usual < BEYOND_BURSTS else surely,
                 coefficients=head.coefficients,
                 standard_errors=head.standard_errors,
                 error_share=error_share(_left(parent, known, [*(term.number for term in beside), head.number])),

@@ -362,7 +362,7 @@ def test_a_fit_made_before_the_fetch_has_its_runs_again(log: bytes, tmp_path: Pa
     alone, together = (ingest([folder], join=join).usable[0].record for join in (False, True))
     assert alone is not None
     assert together is not None
-    fit: Any = SimpleNamespace(profile=None, window_s=None, band_hz=(0.0, 15.0), records=())
+    fit: Any = SimpleNamespace(profile=None, window_s=None, band_hz=(0.0, 15.0), records=(), found_loop_s=None)
     for record in (alone, together):
         used: Any = SimpleNamespace(id=record.id, path=record.path, sha256=record.sha256)
         (again,) = runs_of(fit, [used])

@@ -81,10 +81,11 @@ def test_the_user_tells_it_and_the_fit_remembers(thinned: list[Path], tippath: C
     assert json.loads(out)["nrmse_percent"] == pytest.approx(told["nrmse_percent"])
     status, out, _ = tippath(*words)
     untold = json.loads(out)
-    assert [one["loop_rate_hz"] for one in untold["records"]] == [None, None]
-    (text,) = [check["text"] for check in untold["checks"] if check["name"] == "time of commands"]
-    assert "before their time stamps, as those of a faster loop do in a log of 100 Hz" in text
-    assert "--loop-rate" in text
+    assert [one["loop_rate_hz"] for one in untold["records"]] == pytest.approx([500.0, 500.0], rel=0.2)
+    assert {one["loop_told_by"] for one in untold["records"]} == {"by these runs"}
+    assert untold["parameters"]["M_a"]["value"] == pytest.approx(planted.TABLE_4["M_a"], rel=0.02)
+    (text,) = [text for text in untold["warnings"] if "--loop-rate" in text]
+    assert "no log tells the rate of the vehicle's loop" in text
 
 
 def test_a_record_can_be_told_it_too(thinned: list[Path], tippath: Command, tmp_path: Path) -> None:

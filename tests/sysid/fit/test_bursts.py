@@ -14,7 +14,7 @@ from sysid.data.dataset import prepared
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
-from sysid.diagnose.score import log_chance
+from sysid.diagnose.score import Score, log_chance
 from sysid.fit.bursts import Envelope, as_known, as_steady, as_steady_by
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
@@ -179,3 +179,12 @@ def test_few_draws_say_what_all_would_and_near_a_limit_all_are_made(spread: floa
                 assert told == whole
     assert min(looks) < all_draws / 4
     assert max(looks) == all_draws
+
+
+def test_a_burst_is_no_excuse_for_what_no_burst_makes() -> None:
+    little, much = (
+        Score(effect="servo_lag", chi_squared=chi, degrees=1, tried=1, at={}, errors={}, at_least=chi, surely=2.0)
+        for chi in (25.0, 60.0)
+    )
+    assert log_chance(25.0, 1) == little.log_p < little.log_p_surely == log_chance(2.0, 1)
+    assert much.log_p_surely == much.log_p
