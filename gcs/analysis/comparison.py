@@ -31,9 +31,7 @@ def flown(
     where no other is given; its window counts for its own runs only. Raises TippathError with the reasons.
     """
     if runs:
-        own = None if fit.profile is None else Path(fit.profile)
-        found = resolve_runs(runs, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit))
-        return split(_on_its_loop(of_axes(found, fit.model.structure.base_), fit))
+        return split(of_axes(_named(runs, fit, profile, window), fit.model.structure.base_))
     if profile is not None:
         fit = replace(fit, profile=str(profile))
     cut = window if isinstance(window, FromStart) else None
@@ -49,9 +47,12 @@ def split(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
     return [record for record in records if record.maneuver != "quiet"], quiet
 
 
-def _on_its_loop(records: Sequence[Record], fit: Fit) -> list[Record]:
-    """The runs as the vehicle's loop held commands by the fit, where no log tells."""
-    return [record.held(fit.found_loop_s) for record in records]
+def _named(words: Sequence[str], fit: Fit, profile: Path | None, window: AnyWindow | None) -> list[Record]:
+    """RUN words as the fit's profile reads them where no other is given, and as the loop held commands by the fit where
+    no log tells."""
+    own = None if fit.profile is None else Path(fit.profile)
+    found = resolve_runs(words, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit))
+    return [record.held(fit.found_loop_s) for record in found]
 
 
 def _quiet_beside(fit: Fit, records: Sequence[Record]) -> list[Record]:
@@ -97,16 +98,12 @@ def flown_with_validation(
     """
     records, quiet = flown(fit, runs, profile, window)
     if validate:
-        own = None if fit.profile is None else Path(fit.profile)
-        judging = resolve_runs(
-            validate, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit)
-        )
+        judging = _named(validate, fit, profile, window)
     elif runs:
         judging = []
     else:
         judging = runs_of(fit, fit.validation)
-    judging = _on_its_loop(of_axes(judging, fit.model.structure.base_), fit)
-    judging = [record for record in judging if record.maneuver != "quiet"]
+    judging = [record for record in of_axes(judging, fit.model.structure.base_) if record.maneuver != "quiet"]
     fitted = fitted_beside(records, judging)
     if not fitted:
         raise TippathError(

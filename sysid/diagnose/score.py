@@ -33,8 +33,6 @@ INDEPENDENT = 1e-7
 """Share of a sensitivity that the base's own must leave of it."""
 WORTH_A_LOOK = math.log(0.01)
 """Chance, from which on it is asked what bursts of the noise, or a thinned log, would make of it."""
-
-
 BEYOND_BURSTS = math.log(1e-9)
 """Chance, by the noise's power over time, below which no burst explains it: what a model fails at is loud there, too.
 One clean flight with a burst of 15 times the power had 1e-5."""

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
-from sysid.diagnose.score import BEYOND_BURSTS
+from sysid.diagnose.score import BEYOND_BURSTS, in_bursts
 from sysid.diagnose.terms import Entry
 from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.innovations import Innovations
@@ -227,17 +227,17 @@ def search(
         alike = [one for one in steps if one is best or _as_well(best, one)]
         equal = [one for one in alike if log_p[one.number] < log_p[best.number] + EQUAL]
         head = min(equal, key=lambda one: (known.entries[one.number].signals, log_p[one.number]))
-        usual, surely = (
-            min(0.0, _log_chance(head, least, log_p) + math.log(tried))
-            for least in (head.at_least, min(head.at_least, head.surely))
-        )
+        usual = surely = min(0.0, _log_chance(head, head.at_least, log_p) + math.log(tried))
+        if usual >= BEYOND_BURSTS:
+            least = min(head.at_least, in_bursts(head.rows, stepped.residual, stepped.envelope(whitening)))
+            surely = min(0.0, _log_chance(head, least, log_p) + math.log(tried))
         found.append(
             Term(
                 entry=known.entries[head.number],
                 chi_squared=head.chi_squared,
                 degrees=len(head.coefficients),
                 log_p=usual,
-                log_p_surely=usual if usual < BEYOND_BURSTS else surely,
+                log_p_surely=surely,
                 coefficients=head.coefficients,
                 standard_errors=head.standard_errors,
                 error_share=error_share(_left(parent, known, [*(term.number for term in beside), head.number])),
@@ -306,11 +306,11 @@ class _Step:
     standard_errors: FloatArray
     explains: FloatArray
     """(N,) of the residual, as the imposed commands show it."""
-    at_least: float = math.inf
+    at_least: float
     """Chi squared by the noise's power when the entry acts, where noise comes in bursts; of what is not linear by
     frequencies at which a thinned log tells how large commands are; the less of both."""
-    surely: float = math.inf
-    """The same where a loud burst counts as one draw."""
+    rows: FloatArray
+    """(parts, N), what asks it of the residual."""
 
     @property
     def chi_squared(self) -> float:
@@ -333,10 +333,9 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         gram, e = z @ z.T, z @ stepped.residual
         inverse = np.linalg.pinv(z @ d.T)
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
-        at_least = surely = math.inf
+        at_least = math.inf
         if envelope.rough:
             at_least = envelope.surely(_quadratic(e, envelope.gram(z)), len(z), z)
-            surely = envelope.surely(_quadratic(e, envelope.covariance(z, stepped.residual)), len(z), z)
         if told is not None and not known.entries[number].linear:
             at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
         found.append(
@@ -346,7 +345,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
                 standard_errors=spread,
                 explains=np.linalg.pinv(gram, hermitian=True) @ e @ z,
                 at_least=at_least,
-                surely=surely,
+                rows=z,
             )
         )
     return found

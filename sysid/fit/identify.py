@@ -291,15 +291,13 @@ def refuse_mixed_sources(records: Sequence[Record]) -> None:
 def _held_for(runs: Dataset) -> list[str]:
     """That the runs are fitted as a loop held commands that nobody told of."""
     loop_s = runs.found_loop_s
-    return (
-        []
-        if loop_s is None
-        else [
-            "no log tells the rate of the vehicle's loop, and commands act earlier than if held from sample to sample: "
-            f"they are taken as held for {1000 * loop_s:.2g} ms, as these runs show; --loop-rate, or loop_rate_hz in a "
-            "profile, says it surely"
-        ]
-    )
+    if loop_s is None:
+        return []
+    return [
+        "no log tells the rate of the vehicle's loop, and commands act earlier than if held from sample to sample: "
+        f"they are taken as held for {1000 * loop_s:.2g} ms, as these runs show; --loop-rate, or loop_rate_hz in a "
+        "profile, says it surely"
+    ]
 
 
 def _held_stable(settled: Settled) -> list[str]:
