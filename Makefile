@@ -6,9 +6,11 @@ STAMP := $(VENV)/.stamp
 
 # small matrices: threads of a linear-algebra library cost more than they bring
 export OPENBLAS_NUM_THREADS ?= 1
+# tests start hundreds of interpreters: what one compiled the others load
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo paper test lint types types-packages types-tests contracts tests quick flights bench study pictures blind docs docs-check wheel-check clean
+.PHONY: help setup fly demo paper test lint types types-packages types-tests contracts compiled tests quick flights bench study pictures blind docs docs-check wheel-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -31,7 +33,7 @@ paper: $(STAMP)  ## the paper's tables and figures from simulated flights, ours 
 	$(BIN)/tippath paper -o $${DIR:-paper}
 
 test: $(STAMP)  ## every check
-	@$(MAKE) --no-print-directory -j2 lint types contracts
+	@$(MAKE) --no-print-directory -j2 lint types contracts compiled
 	@$(MAKE) --no-print-directory tests
 
 lint: $(STAMP)
@@ -48,6 +50,9 @@ types-tests: $(STAMP)
 
 contracts: $(STAMP)
 	$(BIN)/lint-imports
+
+compiled: $(STAMP)  # the tests are rewritten once, not by every process that runs them
+	@$(BIN)/python -m pytest --collect-only -qq > /dev/null
 
 tests: $(STAMP)  # what flies in real time mostly waits: it has a process of its own beside the others
 	@$(MAKE) --no-print-directory -j2 flights quick

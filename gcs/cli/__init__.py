@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import os
 import signal
@@ -22,8 +23,9 @@ OF_A_VEHICLE = ("check", "sweep", "abort", "push", "revert")
 EXIT_DONE, EXIT_NO, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
 
+@functools.cache
 def parser() -> argparse.ArgumentParser:
-    """The whole command line."""
+    """The whole command line; made once, for one who gives many commands in a process."""
     from importlib.metadata import version
 
     from gcs.cli.parsing import Parser

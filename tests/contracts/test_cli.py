@@ -276,9 +276,6 @@ def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path:
         ("--pdf", fit, "-o", page),
     ):
         assert tippath("report", *words)[0] == 2
-    named = tmp_path / "paper.pdf"
-    assert tippath("report", fit, "-o", page, "--force", "--no-diagnosis", "--pdf", named)[0] == 0
-    assert named.is_file()
     foreign_csv.rename(foreign_csv.with_suffix(".moved"))
     try:
         status, _, err = tippath("report", fit, "-o", tmp_path / "second.html")
@@ -286,6 +283,15 @@ def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path:
         foreign_csv.with_suffix(".moved").rename(foreign_csv)
     assert status == 1
     assert "not there any more" in err
+
+
+@pytest.mark.thorough
+def test_a_report_s_pdf_has_the_name_that_it_is_given(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    fit, named = tmp_path / "fit.json", tmp_path / "paper.pdf"
+    assert tippath("fit", foreign_csv, "--model", "cd", "-o", fit)[0] == 0
+    words = ("report", fit, "-o", tmp_path / "report.html", "--no-diagnosis", "--pdf", named)
+    assert tippath(*words)[0] == 0
+    assert named.read_bytes().startswith(b"%PDF-")
 
 
 def test_a_closed_pipe_is_no_error(foreign_csv: Path) -> None:

@@ -79,6 +79,7 @@ def test_what_reads_a_flight_runs_over_a_saved_one(tmp_path: Path, monkeypatch: 
         assert main(shlex.split(line)) == 0, line
 
 
+@pytest.mark.thorough
 def test_the_notebook_runs() -> None:
     """One block after the other, as in a notebook; its own assertions judge."""
     text = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")

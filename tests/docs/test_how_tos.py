@@ -92,8 +92,8 @@ def test_there_is_a_page_for_everything_that_is_added_or_handed_on() -> None:
         assert f"how-to/{page.name}" in (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
 
 
-LONG = ("response",)
-"""Pages that take ten seconds and more; what they do is tested elsewhere, too."""
+LONG = ("response", "base", "effect", "screen", "log-format", "log-profile")
+"""Pages that take five seconds and more; what they do is tested elsewhere, too."""
 
 
 @pytest.mark.parametrize(

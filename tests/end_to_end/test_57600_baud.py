@@ -38,6 +38,7 @@ fade_in_s = 1
 TRUTH = {name: getattr(TABLE_4, name) for name in ("L_b", "M_a", "tau_f", "A_lat", "A_lon", "B_lat")}
 
 
+@pytest.mark.thorough
 def test_from_check_to_a_fitted_model_with_default_parameters(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

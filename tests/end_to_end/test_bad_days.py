@@ -101,6 +101,7 @@ def test_a_client_takes_the_log_in_mid_run_and_the_laptops_disk_is_full_when_the
     assert "0 missing" in out
 
 
+@pytest.mark.thorough
 def test_a_card_that_gets_full_ends_the_run_and_gives_the_one_before(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -124,6 +124,7 @@ def test_two_sweeps_are_fitted_together_straight_from_their_logs(
         assert max(across) < 0.03 * roll
 
 
+@pytest.mark.thorough
 def test_a_quadrotor_lacks_a_filter_and_nothing_that_only_a_helicopter_has(
     shared_data: Path, tmp_path: Path, tippath: Tippath
 ) -> None:

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from flying import CHIRP, ELEVATOR, PITCH, ROLL, fly_maneuver, log_of
+from more_of_a_kind import thorough
 from rate_flights import Answered, answered, commit, fly_doublets
 
 from gcs.logs import resolve_runs
@@ -51,7 +52,9 @@ def flown(plant: str, gains: Gains, folder: Path) -> tuple[Answered, Answered]:
     return roll, pitch
 
 
-@pytest.mark.parametrize(("plant", "elevator"), [("hover-ideal", False), ("forward", False), ("forward", True)])
+@pytest.mark.parametrize(
+    ("plant", "elevator"), [("hover-ideal", False), *thorough([("forward", False), ("forward", True)])]
+)
 def test_rates_are_followed_as_predicted_and_the_other_axis_is_left_alone(
     plant: str, elevator: bool, tmp_path: Path
 ) -> None:

@@ -169,6 +169,7 @@ def test_a_killed_flight_goes_on_in_its_folder(
     assert contents(folder) == after
 
 
+@pytest.mark.thorough
 def test_a_vehicle_that_rebooted_in_between_is_read_by_both_its_clocks(
     flown: SlowFlight, kill: Kill, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,6 +18,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 PACKAGES = ("gcs", "sysid", "sitl")
@@ -43,6 +44,11 @@ class Source:
     text: str
     tree: ast.Module
 
+    @cached_property
+    def nodes(self) -> tuple[ast.AST, ...]:
+        """All of the tree's."""
+        return tuple(ast.walk(self.tree))
+
     @property
     def lines(self) -> int:
         return self.text.count("\n")
@@ -51,12 +57,12 @@ class Source:
     def code_lines(self) -> int:
         """Without blanks, comments and strings that stand alone."""
         filled: set[int] = set()
-        for node in ast.walk(self.tree):
+        for node in self.nodes:
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 continue
             if isinstance(node, ast.stmt):
                 filled |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-        for node in ast.walk(self.tree):
+        for node in self.nodes:
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 filled -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
         texts = self.text.splitlines()
@@ -99,7 +105,7 @@ def is_loose(source: Source) -> bool:
 
 def imported(source: Source, known: Mapping[str, Source]) -> Iterator[str]:
     """Modules of the house that a file imports, wherever in it."""
-    for node in ast.walk(source.tree):
+    for node in source.nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
         elif isinstance(node, ast.ImportFrom) and node.module is not None and node.level == 0:
@@ -147,8 +153,8 @@ def _reached(graph: Graph, name: str) -> set[str]:
 # ------------------------------------------------------------------------------------------------- sizes
 
 
-def functions(tree: ast.AST) -> Iterator[Function]:
-    return (node for node in ast.walk(tree) if isinstance(node, Function))
+def functions(source: Source) -> Iterator[Function]:
+    return (node for node in source.nodes if isinstance(node, Function))
 
 
 def complexity(function: ast.AST) -> int:
@@ -165,14 +171,14 @@ def complexity(function: ast.AST) -> int:
 
 
 def long_functions(source: Source) -> Iterator[str]:
-    for function in functions(source.tree):
+    for function in functions(source):
         lines = (function.end_lineno or function.lineno) - function.lineno + 1
         if lines > FUNCTION_LINES:
             yield f"{source.path}:{function.lineno} {function.name}, {lines} lines"
 
 
 def complex_functions(source: Source) -> Iterator[str]:
-    for function in functions(source.tree):
+    for function in functions(source):
         if complexity(function) > COMPLEXITY:
             yield f"{source.path}:{function.lineno} {function.name}, {complexity(function)}"
 
@@ -184,7 +190,7 @@ def inner_imports(source: Source, own: bool) -> Iterator[str]:
     """Imports in functions; `own`: of the house, not of libraries."""
     lines = {
         (node.lineno, ast.unparse(node))
-        for function in functions(source.tree)
+        for function in functions(source)
         for node in ast.walk(function)
         if isinstance(node, ast.Import | ast.ImportFrom)
     }
@@ -195,7 +201,7 @@ def inner_imports(source: Source, own: bool) -> Iterator[str]:
 
 def long_calls(source: Source, construction: bool) -> Iterator[str]:
     """Calls with six and more positional arguments: of a class, or of a function."""
-    for node in ast.walk(source.tree):
+    for node in source.nodes:
         if not isinstance(node, ast.Call):
             continue
         called = ast.unparse(node.func)
@@ -210,7 +216,7 @@ def is_dataclass(node: ast.ClassDef) -> bool:
 
 
 def positional_dataclasses(source: Source) -> Iterator[str]:
-    for node in ast.walk(source.tree):
+    for node in source.nodes:
         if isinstance(node, ast.ClassDef) and is_dataclass(node):
             fields = sum(isinstance(statement, ast.AnnAssign) for statement in node.body)
             if fields >= FIELDS and not any("kw_only=True" in ast.unparse(one) for one in node.decorator_list):
@@ -248,7 +254,7 @@ def same_bodies(product: Sequence[Source]) -> list[str]:
 def same_class_names(product: Sequence[Source]) -> list[str]:
     places = defaultdict(list)
     for source in product:
-        for node in ast.walk(source.tree):
+        for node in source.nodes:
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(f"{source.path}:{node.lineno}")
     return [f"{name}: {', '.join(where)}" for name, where in sorted(places.items()) if len(where) > 1]
@@ -338,7 +344,7 @@ def figures(house: House) -> dict[str, str]:
     lines = [
         (function.end_lineno or function.lineno) - function.lineno + 1
         for source in house.sources
-        for function in functions(source.tree)
+        for function in functions(source)
     ]
     names = sum(1 for source in house.sources for _ in public(source.tree))
     arrays = sum(1 for source in house.sources for _ in array_fields(source))

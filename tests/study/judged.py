@@ -21,6 +21,9 @@ MOTORS = ("L_lat", "M_lon")
 """What a quadrotor has in their place."""
 TABLE_5 = {"L_b": 147.550, "M_a": 713.380, "tau_f": 0.075}
 SURE = 0.9
+LITTLE_POINTS, LITTLE_HARM = 0.5, 0.05
+"""NRMSE that a hidden effect costs, and relative error of the base's numbers that it makes, up to which it matters
+little: tighter than what margins that count as sensible bear."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,12 @@ class Flight:
             truth = {name: table[name] for name in (*TABLE_4, *MOTORS) if name in table}
         found = self.said.get("parent", {})
         return max((abs(found[name] / value - 1) for name, value in truth.items() if name in found), default=0.0)
+
+    @property
+    def spared(self) -> bool:
+        """Whether what is hidden was called nothing that matters, and by the truth matters little."""
+        little = self.cost_points <= LITTLE_POINTS and self.harm <= LITTLE_HARM
+        return bool(self.said["verdict"] == "complete") and little
 
     @property
     def right(self) -> bool:

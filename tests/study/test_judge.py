@@ -118,6 +118,17 @@ def test_what_an_entry_is_at_a_certain_value_may_be_named_by_it() -> None:
     assert not said(None).right
 
 
+def test_what_is_called_nothing_that_matters_is_counted_apart_and_only_where_it_matters_little() -> None:
+    little = {"noise_floor_percent": {"p": 90.3, "q": 90.0}, "parent": {"L_b": 1.04}}
+    spared = answered("beyond", "complete", **little)
+    costly = answered("beyond", "complete", **little | {"noise_floor_percent": {"p": 90.0, "q": 91.0}})
+    harmful = answered("beyond", "complete", **little | {"parent": {"L_b": 1.06}})
+    named = answered("beyond", "missing", "servo_lag", **little)
+    flights = [spared, costly, harmful, named, answered("beyond", "unexplained")]
+    assert "1 of 5" in line_of(flights, "not in the catalogue, and so said")
+    assert "2 of 5" in line_of(flights, "or complete, and mattering little")
+
+
 def test_two_are_both_found_by_names_that_predict_the_same() -> None:
     hidden: list[dict[str, Any]] = [
         {"level": "catalogue", "answer": name, "accepts": []} for name in ("servo_lag", "angular_damping")

@@ -48,6 +48,7 @@ def test_beside_a_delay_no_loop_shows() -> None:
     assert bare().found_loop_s is None
 
 
+@pytest.mark.thorough
 @asked
 @pytest.mark.usefixtures("only_effects")
 def test_the_added_delay_is_the_one_that_was_named() -> None:

@@ -70,6 +70,7 @@ def dies_once(mark: Path, number: int) -> int:
     return number
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_a_killed_worker_s_task_is_done_by_the_next(tmp_path: Path) -> None:
     done: list[Any] = []

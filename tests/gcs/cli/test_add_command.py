@@ -118,6 +118,7 @@ def test_what_does_nothing_is_said_plainly(effect: str, fits: dict[str, Path], t
     assert "-o FIT2.json" not in out
 
 
+@pytest.mark.thorough
 def test_without_validation_it_says_what_is_open(fits: dict[str, Path], tippath: Tippath) -> None:
     status, out, err = tippath("add", fits["alone"], "servo_lag")
     assert status == 0, err
@@ -149,6 +150,7 @@ def test_an_implausible_size_is_no_answer(fits: dict[str, Path], tippath: Tippat
     assert "nothing to keep" in text
 
 
+@pytest.mark.thorough
 def test_other_runs_refit_the_parent_first(
     flown: dict[str, list[Path]], fits: dict[str, Path], tippath: Tippath
 ) -> None:

@@ -13,6 +13,7 @@ import planted
 import pytest
 from contract_schemas import COMPARE
 from flying import fly_maneuver, log_of
+from more_of_a_kind import thorough
 from planted import PLANTED, axes, fly
 
 from sitl.autopilot.vehicle import make_vehicle
@@ -159,7 +160,7 @@ def test_one_run_a_short_window_and_another_band(
     assert (document["bands"][0]["low_hz"], document["bands"][-1]["high_hz"]) in ((1.0, 8.0),)
 
 
-@pytest.mark.parametrize("name", ["x.png", pytest.param("x.svg", marks=pytest.mark.thorough), "x.html"])
+@pytest.mark.parametrize("name", [*thorough(["x.png", "x.svg"]), "x.html"])
 def test_a_picture_is_drawn(name: str, fits: dict[str, Path], tippath: Tippath, tmp_path: Path) -> None:
     path = tmp_path / name
     status, out, err = tippath("compare", fits["lag"], "--plot", path)
@@ -171,6 +172,7 @@ def test_a_picture_is_drawn(name: str, fits: dict[str, Path], tippath: Tippath, 
     assert out
 
 
+@pytest.mark.thorough
 def test_a_picture_is_not_written_over(fits: dict[str, Path], tippath: Tippath, tmp_path: Path) -> None:
     path = tmp_path / "x.png"
     path.write_text("mine")

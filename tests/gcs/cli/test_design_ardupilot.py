@@ -178,6 +178,7 @@ def test_a_damaged_set_is_refused_in_a_line(
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_samples")
 def test_gains_hold_what_the_diagnosis_leaves_open(
     quad_fit: Path, quad_set: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -202,6 +203,7 @@ def test_gains_hold_what_the_diagnosis_leaves_open(
     assert len(found["judged_flown"]["models"]) == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_samples")
 def test_asked_limits_are_those_that_are_judged(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = designed(capsys, quad_fit, "--limits", "16dB,50deg")
@@ -210,6 +212,7 @@ def test_asked_limits_are_those_that_are_judged(quad_fit: Path, capsys: pytest.C
     assert document["judged"]["bounds"]["least"]["gain_db"] >= 16
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_samples")
 def test_measured_margins_stand_beside_both_sets(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The sweeps go to 10 Hz and the gain margin is decided beyond: not cleared, and it says how far to sweep."""
@@ -312,6 +315,7 @@ def test_an_option_of_the_other_design_is_refused(quad_fit: Path) -> None:
     assert main(["design", str(quad_fit), "--for", "ardupilot", "--costs"]) == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_samples")
 def test_what_the_fit_lacks_is_said_beside_the_gains(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert designed(capsys, quad_fit)["diagnosis"]["state"] == "not asked"

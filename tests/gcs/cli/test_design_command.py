@@ -72,6 +72,7 @@ def test_design_refuses_and_names_the_cost_that_holds(flight: Path, tippath: Tip
     assert document["margins"]["gain_db"] > 6
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_effects")
 def test_the_report_says_that_gains_do_not_hold_and_writes_its_page(
     flight: Path, believed: Path, tippath: Tippath, tmp_path: Path
@@ -135,6 +136,7 @@ def test_a_diagnosis_is_kept_beside_its_fit_and_the_design_says_so(flight: Path,
     assert json.loads(kept.read_text())["verdict"] == json.loads(out)["verdict"] == state()
 
 
+@pytest.mark.thorough
 def test_a_dynamic_prefilter_is_designed_kept_judged_again_and_reported(
     flight: Path, tippath: Tippath, tmp_path: Path
 ) -> None:
@@ -227,6 +229,7 @@ def test_a_push_of_gains_that_fail_asks_nothing_of_any_vehicle(flight: Path, tip
     assert "nothing was sent" in err
 
 
+@pytest.mark.thorough
 def test_margins_that_were_measured_stand_beside_the_model_s(flight: Path, tippath: Tippath) -> None:
     status, out, _ = tippath("design", flight / "tpp.json", "--input-cost", 100, "--measured")
     assert status == 0

@@ -189,6 +189,7 @@ def test_runs_of_two_vehicles_have_no_one_answer(
     assert "next: " in out
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("flapping", "motor_lag", "servo_backlash", "servo_lag")], indirect=True)
 def test_what_an_airframe_cannot_have_is_not_asked(fits: dict[str, Path], tippath: Tippath) -> None:
@@ -259,6 +260,7 @@ def test_the_next_maneuver_is_a_card_or_it_is_said_why_not(written: dict[str, An
         assert load_card(str(written["card"])).maneuvers
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_effects")
 def test_a_suggestion_can_be_added_at_once(written: dict[str, Any], fits: dict[str, Path], tippath: Tippath) -> None:
     status, out, err = tippath("add", fits["lag"], written["term"])
@@ -421,6 +423,7 @@ def test_the_help_documents_the_format(tippath: Tippath) -> None:
     assert "80 %" in out
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("dynamic_inflow", "flapping", "servo_deadband", "servo_lag")], indirect=True)
 def test_what_could_hide_behind_a_dead_band_is_told_too(tippath: Tippath, tmp_path: Path) -> None:

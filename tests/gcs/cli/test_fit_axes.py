@@ -141,6 +141,7 @@ def test_a_csv_in_which_roll_and_pitch_rest_is_a_run_of_what_moves(
     assert (status, "not identifiable" in err, "--axes" in err) == (1, True, False)
 
 
+@pytest.mark.thorough
 def test_a_yaw_sweep_is_fitted_by_its_own_command_and_its_delay_named(
     tippath: Tippath, shared_data: Path, tmp_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import jsonschema
 import pytest
 from contract_schemas import FIT, JUDGED
+from more_of_a_kind import thorough
 from planted import PLANTED, fly
 
 from sysid.data.record import Record
@@ -358,7 +359,7 @@ def test_a_users_effect_is_kept_by_path_and_hash(tail_fit: tuple[Path, Path], ti
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
-@pytest.mark.parametrize("command", ["design", "report"])
+@pytest.mark.parametrize("command", ["design", *thorough(["report"])])
 def test_the_code_runs_only_where_it_is_named(
     command: str, tail_fit: tuple[Path, Path], tippath: Tippath, tmp_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from flying import CHIRP, PITCH, ROLL, Card, fly_maneuver, log_of
+from more_of_a_kind import thorough
 
 from gcs.cli import main
 from gcs.flight.gains import load_gains
@@ -123,6 +124,7 @@ def test_a_bank_that_runs_as_it_should_is_said_and_clears_nothing(
     assert "sweep roll and pitch" in " ".join(text_of(capsys, gains, tmp_path / "roll" / "vehicle-1.BIN").split())
 
 
+@pytest.mark.thorough
 def test_a_dynamic_prefilter_runs_beside_as_well_and_an_elevator_is_refused(
     designed: tuple[Path, Path], tmp_path: Path, capsys: Capture
 ) -> None:
@@ -146,9 +148,13 @@ Step = Callable[[LqrController, float, float, float, float], tuple[float, float,
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [
-        (lambda step: lambda self, p, q, x, y: step(self, -p, q, x, y), "sign", "of roll has the wrong sign"),
         (lambda step: lambda self, p, q, x, y: step(self, q, p, x, y), "swapped", "roll and pitch are swapped"),
-        (lambda step: lambda self, p, q, x, y: step(self, p, 57.3 * q, x, y), "scale", "degrees for radians?"),
+        *thorough(
+            [
+                (lambda step: lambda self, p, q, x, y: step(self, -p, q, x, y), "sign", "of roll has the wrong sign"),
+                (lambda step: lambda self, p, q, x, y: step(self, p, 57.3 * q, x, y), "scale", "degrees for radians?"),
+            ]
+        ),
     ],
 )
 def test_a_bank_that_runs_wrongly_is_refused_and_told_why(

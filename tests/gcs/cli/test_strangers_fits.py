@@ -57,6 +57,7 @@ def bitcraze(shared_data: Path, tmp_path: Path) -> list[str | Path]:
     return [path, "--profile", tmp_path / "cf.toml", "--model", "cd", "--band", "0.3:10"]
 
 
+@pytest.mark.thorough
 def test_a_lag_and_a_delay_together_end_in_a_fit(tippath: Tippath, bitcraze: list[str | Path]) -> None:
     """A2: a traceback where no stable model lay near the data. A16: the ladder named the first effect twice."""
     status, out, err = tippath("fit", *bitcraze, "--with", "servo_lag,transport_delay")
@@ -149,6 +150,7 @@ def test_no_hint_costs_more_than_the_fit(shared_data: Path, monkeypatch: pytest.
     assert 0 < spent["hint"] < spent["fit"], spent
 
 
+@pytest.mark.thorough
 def test_parts_of_one_log_fit_and_judge(tippath: Tippath, shared_data: Path, tmp_path: Path) -> None:
     """A11: "no run is left to fit" of two records of one log; what is read again later is the part that was fitted."""
     path = shared_data / "crazyflie" / "roll_pitch_pilot_mapped.csv"

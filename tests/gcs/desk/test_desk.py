@@ -379,6 +379,7 @@ def test_gains_of_an_earlier_session_come_back_with_what_they_are_worth(worked: 
     assert other.state().designed is now, "they stay, with the name of the rung that they were designed on"
 
 
+@pytest.mark.thorough
 def test_every_command_does_the_same_again(
     worked: tuple[Desk, Path], raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -401,6 +402,7 @@ def test_every_command_does_the_same_again(
         assert ours == theirs, name
 
 
+@pytest.mark.thorough
 def test_an_effect_of_the_user_s_own_is_named_in_every_command(
     short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -430,6 +432,7 @@ def test_an_effect_of_the_user_s_own_is_named_in_every_command(
         assert json.loads((short / name).read_text()) == json.loads(Path(short.name, name).read_text())
 
 
+@pytest.mark.thorough
 def test_forward_flight_begins_with_its_effects_and_quiet_hover_tells_the_noise(tmp_path: Path) -> None:
     card = ((CHIRP, ROLL, 0.1, 8.0), (CHIRP, PITCH, 0.15, 8.0), (CHIRP, ELEVATOR, 0.3, 8.0), (QUIET, ROLL, 0.0, 8.0))
     desk = Desk()
@@ -596,6 +599,7 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
     assert desk.state().commands[-1].endswith(f"tpp.json --card {path}")
 
 
+@pytest.mark.thorough
 def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
     worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

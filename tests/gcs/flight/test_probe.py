@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flying import log_of
+from more_of_a_kind import thorough
 from numpy.typing import NDArray
 from scipy import signal
 
@@ -164,12 +165,16 @@ def kinds(result: ProbeResult) -> set[tuple[str, str | None]]:
 @pytest.mark.parametrize(
     ("plant", "seed", "fraction", "gusts", "stock"),
     [
-        ("hover-ideal", 101, 0.1, 1.0, False),
         ("hover-ideal", 102, 0.1, 0.5, True),
-        ("hover-ideal", 103, 0.2, 2.0, False),
         ("hover", 101, 0.3, 1.0, False),
-        pytest.param("hover", 102, 0.2, 0.5, False, marks=pytest.mark.thorough),
-        ("hover", 103, 0.3, 1.0, True),
+        *thorough(
+            [
+                ("hover-ideal", 101, 0.1, 1.0, False),
+                ("hover-ideal", 103, 0.2, 2.0, False),
+                ("hover", 102, 0.2, 0.5, False),
+                ("hover", 103, 0.3, 1.0, True),
+            ]
+        ),
     ],
 )
 def test_a_sound_vehicle_is_in_order(plant: str, seed: int, fraction: float, gusts: float, stock: bool) -> None:

@@ -384,6 +384,7 @@ def test_a_real_sweep_is_ended_by_ctrl_c(tmp_path: Path) -> None:
     assert any(path.read_bytes() == log for path in (tmp_path / "vehicle").glob("*.BIN"))
 
 
+@pytest.mark.thorough
 def test_the_elevator_is_swept_by_one_command(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

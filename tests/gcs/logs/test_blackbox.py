@@ -24,6 +24,7 @@ from blackbox_writer import (
     logged,
 )
 from injuries import COUNTS, bounded_turns, injure
+from more_of_a_kind import thorough
 
 from gcs.errors import TippathError
 from gcs.logs import ingest, resolve_runs
@@ -114,7 +115,7 @@ def test_settings_scale_rates_accelerations_and_sums(saved: Saved) -> None:
 # ------------------------------------------------------------------------------------------------ chirps
 
 
-@pytest.mark.parametrize("kind", ["new", "old", "inav"])
+@pytest.mark.parametrize("kind", ["new", *thorough(["old", "inav"])])
 def test_chirps_become_runs_with_their_excitation(saved: Saved, flown: Flight, kind: str) -> None:
     settings = SETTINGS | ({"Firmware revision": "INAV 9.1.0 (abcdef01) MATEKF405"} if kind == "inav" else {})
     found = ingest([saved(logged(flown, kind, settings), "flight.bbl")])

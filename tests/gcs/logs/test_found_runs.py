@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flying import CHIRP, PITCH, ROLL, fly_maneuver, log_of
+from more_of_a_kind import thorough
 
 from gcs.logs import ingest
 from gcs.logs.formats.tables import Log, Series
@@ -320,7 +321,7 @@ def without(data: bytes, names: set[str]) -> bytes:
         ("quad_roll_sweep.BIN", "roll", 77.172),
         pytest.param("quad_pitch_sweep.BIN", "pitch", 76.942, marks=pytest.mark.thorough),
         pytest.param("heli_roll_sweep.BIN", "roll", 256.590, marks=pytest.mark.thorough),
-        ("heli_pitch_sweep.BIN", "pitch", 95.310),
+        pytest.param("heli_pitch_sweep.BIN", "pitch", 95.310, marks=pytest.mark.thorough),
     ],
 )
 @pytest.mark.parametrize("told_of", [True, False])
@@ -347,7 +348,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Run
     return log.read_bytes(), list(ingest([log]).runs)
 
 
-@pytest.mark.parametrize("kept", ["excitation logged", "commands alone"])
+@pytest.mark.parametrize("kept", [*thorough(["excitation logged"]), "commands alone"])
 def test_the_simulated_vehicles_chirps_are_found_without_a_word(
     simulated: tuple[bytes, list[Run]], saved: Saved, kept: str
 ) -> None:

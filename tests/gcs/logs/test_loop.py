@@ -55,6 +55,7 @@ def test_px4_tells_its_loop(shared_data: Path) -> None:
     assert loop_of(log, told, 0.0) == Loop(1000.0, "profile"), "whoever names it knows better"
 
 
+@pytest.mark.thorough
 def test_runs_of_100_and_400_hz_fit_together(shared_data: Path) -> None:
     """A helicopter of other people's simulator, whose commands act 50 ms late: without that it comes out unstable."""
     folder, tpp = shared_data / "ardupilot", compose("tpp")

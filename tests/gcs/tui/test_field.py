@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from fake_app import ANALYSED, FLYING, IDLE, MOMENTS, NOWHERE, RECORDING, app_on, screen_text, settle
+from more_of_a_kind import thorough
 
 from gcs.cards.checklist import Question
 from gcs.errors import TippathError, UsageError
@@ -198,7 +199,7 @@ def test_nothing_needs_two_keys_at_once():
 SUN_SCREENS = {"2": FLYING, "1": NOWHERE, "3": ANALYSED["open"], "7": ANALYSED["added"], "8": ANALYSED["designed"]}
 
 
-@pytest.mark.parametrize("theme", ["sun", "contrast"])
+@pytest.mark.parametrize("theme", ["sun", *thorough(["contrast"])])
 async def test_every_character_stands_out_seven_times_in_the_sun(theme):
     app, engine = app_on(IDLE)
     app.theme = theme

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from fake_app import ANALYSED, DESIGNED, FLYING, IDLE, app_on, screen_text, settle
+from more_of_a_kind import thorough
 from textual.content import Content
 
 from gcs.tui.app import TippathApp
@@ -62,7 +63,7 @@ async def test_abort_can_be_pressed_on_every_screen_and_over_every_question():
         assert engine.asked == ["abort"]
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [SIZES[0], *thorough((size,) for size in SIZES[1:])])
 async def test_screens_can_be_pressed(size):
     app, _ = app_on(IDLE)
     async with app.run_test(size=size) as pilot:

@@ -25,6 +25,7 @@ from fake_app import (
     settle,
 )
 from fake_desk import CLEARED, DESKS, MODEL, answer
+from more_of_a_kind import thorough
 from rich.cells import cell_len
 from textual.geometry import Region
 from textual.widgets import Input
@@ -77,7 +78,7 @@ def shown(box) -> bool:
     return all(one.display for one in box.ancestors_with_self if hasattr(one, "display"))
 
 
-@pytest.mark.parametrize("size", SIZES[:2])
+@pytest.mark.parametrize("size", [SIZES[0], *thorough([(SIZES[1],)])])
 async def test_every_screen_at_every_moment_of_a_flight_fits_and_says_what_is_next(size):
     app, engine = app_on(IDLE)
     async with app.run_test(size=size) as pilot:
@@ -93,7 +94,7 @@ async def test_every_screen_at_every_moment_of_a_flight_fits_and_says_what_is_ne
                 fits(app, f"{name} on screen {key}", size)
 
 
-@pytest.mark.parametrize("size", [*SIZES[:2], pytest.param(SIZES[2], marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("size", [SIZES[0], *thorough((size,) for size in SIZES[1:])])
 async def test_every_screen_at_every_moment_of_the_analysis_fits_and_says_what_is_next(size):
     app, engine = app_on(IDLE)
     async with app.run_test(size=size) as pilot:
@@ -129,6 +130,7 @@ NOT_NEW = {
 """Moments at which a screen shows what it showed before."""
 
 
+@pytest.mark.thorough
 async def test_what_to_set_stands_on_connect_the_worst_in_sight():
     app, engine = app_on(CHECKED)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -198,7 +200,7 @@ async def test_a_terminal_too_small_keeps_the_abort_key_and_says_so():
         assert "next: " in text
 
 
-@pytest.mark.parametrize("case", [str.lower, str.upper])
+@pytest.mark.parametrize("case", [*thorough([str.lower]), str.upper])
 async def test_a_key_works_as_it_is_shown_and_as_it_is_typed(case):
     app, engine = app_on(IDLE)
     async with app.run_test() as pilot:
@@ -448,6 +450,7 @@ async def test_no_vehicle_no_samples():
         assert "no vehicle at udpin" in "\n".join(screen_text(app))
 
 
+@pytest.mark.thorough
 async def test_ascii_means_ascii():
     app, engine = app_on(IDLE, "ascii")
     async with app.run_test() as pilot:

@@ -97,6 +97,7 @@ def test_whatever_the_command_writes_the_flight_goes_on(tmp_path, monkeypatch, w
     assert so_far._Command()(tmp_path) is None
 
 
+@pytest.mark.thorough
 def test_the_command_fits_a_folder(tmp_path):
     chirp = (0, 10, 0.1, 15.0), (0, 11, 0.15, 15.0)
     found = so_far._Command()(fly_folder(tmp_path / "flight-0001", None, chirp).path)

@@ -82,6 +82,7 @@ def test_the_answer_predicted_is_what_time_shows() -> None:
     assert max(promised.roll.coupling, promised.pitch.coupling) == pytest.approx(other, abs=0.005)
 
 
+@pytest.mark.thorough
 def test_vehicles_late_in_every_way_couple_a_fraction_of_it() -> None:
     """Table 4's with other numbers, late by up to 60 ms: each halves at least, but where little is left anyway."""
     before, after = [], []

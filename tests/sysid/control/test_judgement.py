@@ -56,6 +56,7 @@ def test_a_model_that_is_not_held_fails_whatever_is_asked() -> None:
     assert found.models[1].answers is None
 
 
+@pytest.mark.thorough
 def test_bounds_are_what_samples_say() -> None:
     gains = lqr(late(0.030), 5.0)
     covariance = np.zeros((len(LATE.names),) * 2)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from more_of_a_kind import thorough
 from planted import DT, TABLE_4
 from scipy.linalg import expm
 from shadow_vehicles import Bank, Vehicle, bank, good, growth, swept, vehicle
@@ -177,7 +178,7 @@ def verdicts(flies: Vehicle, rng: np.random.Generator, stop_hz: float, draws: in
     return found
 
 
-@pytest.mark.parametrize("late_by", ["delay", "servo", "second-order servo", "delay and servo"])
+@pytest.mark.parametrize("late_by", ["delay and servo", *thorough(["delay", "servo", "second-order servo"])])
 def test_on_late_vehicles_no_destabilising_set_is_cleared(late_by: str) -> None:
     """The study's question (`tests/study/study_shadow.py`) on a few."""
     rng = np.random.default_rng(31)

@@ -17,6 +17,7 @@ PAPER = Model(TPP, TPP.vector(TABLE_4))
 LATE = compose("tpp", ["transport_delay"], TPP.inputs)
 
 
+@pytest.mark.thorough
 def test_each_k_is_control_s_lqr_and_margins_are_the_least_of_all_models() -> None:
     late = Model(LATE, LATE.vector({**TABLE_4, "T_d": 0.030}))
     found = over_costs([("fit", PAPER), ("missing", late)], asked=7.0)

@@ -65,6 +65,7 @@ def test_a_feed_forward_is_taken_to_what_may_be_written() -> None:
     assert pitch.ff == pytest.approx(MOST * 0.1)
 
 
+@pytest.mark.thorough
 def test_half_of_the_vehicle_s_delay_is_asked_for() -> None:
     found = faster(flying(gyro_hz=0.0), [late(90.0, 0.04)])
     assert found.asked.delay_ms == pytest.approx(20.0)
@@ -72,6 +73,7 @@ def test_half_of_the_vehicle_s_delay_is_asked_for() -> None:
     assert found.new_loop.margins.delay_ms >= 20.0
 
 
+@pytest.mark.thorough
 def test_gains_hold_what_is_left_open_and_those_of_the_bare_fit_do_not() -> None:
     """A vehicle that may be 30 ms late: the fit alone lets through what fails on that."""
     open_ = [quad(250.0), late(250.0, 0.030)]
@@ -92,6 +94,7 @@ def test_gains_have_what_is_asked_over_the_fit_s_bounds() -> None:
     assert judge(found.new, [("fit", vehicle)], draws=draws).verdict != "fails"
 
 
+@pytest.mark.thorough
 def test_steps_overshoot_no_more_than_with_what_was_flown() -> None:
     """A helicopter that overshoots by 59 % as it flew: higher gains would by more, and there is nothing to gain."""
     flown = RateController((ROLL, PITCH), DT, 20.0)

@@ -59,6 +59,7 @@ def test_the_paper_s_loop_has_the_disk_margin_that_control_and_slicot_find() -> 
     assert found.phase_deg == pytest.approx(phase_deg, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_nothing_inside_the_disk_takes_the_loop_to_its_edge_and_something_on_it_does() -> None:
     """Gains and phases of each command inside the disk, searched at the frequency where it is least."""
     gains = design(LATE_MODEL)

@@ -139,6 +139,7 @@ def motors(seed: int) -> list[Record]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [LATE], indirect=True)
 def test_a_quadrotor_s_motors_are_named_as_motors() -> None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from more_of_a_kind import thorough
 from planted import PLANTED, fly_many
 from planted_fits import records
 
@@ -77,6 +78,7 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     assert found.to_json()["first_answer"] is None
 
 
+@pytest.mark.thorough
 @EFFECTS
 @pytest.mark.usefixtures("only_effects")
 def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little_it_leaves(
@@ -134,7 +136,7 @@ def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
 @EFFECTS
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize(
-    ("work", "pressed", "pairs"), [("refitted", 1, 0), ("score_effects", 1, 0), ("score_effects", 2, 1)]
+    ("work", "pressed", "pairs"), [("score_effects", 2, 1), *thorough([("refitted", 1, 0), ("score_effects", 1, 0)])]
 )
 def test_ctrl_c_ends_the_search_and_keeps_what_was_found(
     flight: list[Record], monkeypatch: pytest.MonkeyPatch, work: str, pressed: int, pairs: int

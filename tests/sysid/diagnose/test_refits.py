@@ -51,6 +51,7 @@ def asked(runs: list[Record]) -> Diagnosis:
     return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode", "angular_damping")], indirect=True)
 def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,6 +90,7 @@ def test_of_two_the_larger_is_named_though_one_has_no_fit_of_its_own() -> None:
     assert larger_first(both, alone) == ("structural_mode", "angular_damping")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("speed_stability", "servo_lag")], indirect=True)
 def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,6 +108,7 @@ def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatc
     assert asked(untold).verdict == "missing"
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("dynamic_inflow", "slipstream_wing")], indirect=True)
 def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:

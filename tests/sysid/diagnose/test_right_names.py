@@ -61,6 +61,7 @@ def test_runs_that_cannot_tell_what_it_explains_do_not_judge_its_size(monkeypatc
     assert asked(PITCHED_BY_COLLECTIVE).verdict == "unexplained"
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("motor_lag", "structural_mode", "transport_delay")], indirect=True)
 def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,6 +84,7 @@ def test_in_a_loop_candidates_are_ranked_under_the_noise_of_the_likeliest(monkey
     assert set(asked(DELAY_AND_COUPLING).chain) == {"servo_lag", "input_coupling"}
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("lead_lag", "gyro_filter")], indirect=True)
 def test_a_narrow_mode_far_below_the_gusts_is_fitted_by_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,6 +100,7 @@ def test_a_narrow_mode_far_below_the_gusts_is_fitted_by_the_noise(monkeypatch: p
     assert asked(LAGGING_BLADES).chain == ("gyro_filter",)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode", "angular_damping")], indirect=True)
 def test_a_mode_in_pitch_is_looked_for_beside_that_in_roll() -> None:

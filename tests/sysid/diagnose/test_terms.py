@@ -9,6 +9,7 @@ import time
 import numpy as np
 import planted
 import pytest
+from more_of_a_kind import thorough
 from planted_fits import records
 from planted_terms import flights, parent_of, searched
 
@@ -51,7 +52,7 @@ def equations(term: Term) -> set[str]:
     return {term.entry.equation, *(entry.equation for entry in term.as_well)}
 
 
-@pytest.mark.parametrize("planted_term", FOUND)
+@pytest.mark.parametrize("planted_term", [*list(FOUND)[:3], *thorough(list(FOUND)[3:])])
 def test_what_was_planted_comes_first_or_cannot_be_told_from_the_first(planted_term: str) -> None:
     parent, known, selection = searched(planted_term)
     first = search(parent, *asked(parent), known)[0]

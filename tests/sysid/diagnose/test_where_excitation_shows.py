@@ -39,6 +39,7 @@ def size_of(found: Diagnosis, effect: str) -> tuple[float, float]:
     return value, one.standard_errors[name]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("transport_delay", "lead_lag")], indirect=True)
 def test_a_delay_is_not_the_hold_of_a_slow_loop(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,6 +52,7 @@ def test_a_delay_is_not_the_hold_of_a_slow_loop(monkeypatch: pytest.MonkeyPatch)
     assert asked(LATE_IN_A_SLOW_LOG).effect == "lead_lag"
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("motor_lag", "gyro_filter")], indirect=True)
 def test_a_fit_that_slow_gusts_led_astray_goes_on_in_its_own_noise(monkeypatch: pytest.MonkeyPatch) -> None:

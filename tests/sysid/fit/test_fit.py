@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from more_of_a_kind import thorough
 from scipy.signal import dlsim, lsim
 
 from gcs.analysis.fits import PAPER_PARAMETERS
@@ -60,7 +61,7 @@ def test_hover_lands_near_the_paper(hover_card: Card) -> None:
     assert cd.nrmse_percent["q"] < tpp.nrmse_percent["q"] - 20
 
 
-@pytest.mark.parametrize("structure", [TPP, CD])
+@pytest.mark.parametrize("structure", [TPP, *thorough([CD])])
 def test_nrmse_is_that_of_the_time_simulation(hover_card: Card, structure: object) -> None:
     """Eq. 10 of low-passed samples against SciPy's simulation with a fitted initial state, pooled over two runs."""
     chirps = hover_card[0][:2]

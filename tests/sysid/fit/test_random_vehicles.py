@@ -23,6 +23,7 @@ def test_20_random_vehicles_reach_the_optimum() -> None:
     assert max(above) < A_HAIR, np.argmax(above)
 
 
+@pytest.mark.thorough
 def test_long_runs_at_a_high_rate_reach_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """500 Hz for 32 s: the fit begins on some of the bins only."""
     monkeypatch.setattr(random_vehicles, "EVERY", 1)

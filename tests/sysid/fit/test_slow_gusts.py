@@ -45,6 +45,7 @@ def test_the_excitation_decides_where_least_squares_leaves_less(
     assert before.nrmse_percent["p"] > fit.nrmse_percent["p"]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("motor_lag", "servo_rate_limit", "structural_mode")], indirect=True)
 def test_what_is_missing_is_told_by_the_noise(runs: list[Record]) -> None:
