@@ -16,7 +16,7 @@ import argparse
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -154,7 +154,11 @@ def _reached(graph: Graph, name: str) -> set[str]:
 
 
 def functions(source: Source) -> Iterator[Function]:
-    return (node for node in source.nodes if isinstance(node, Function))
+    return _functions(source.nodes)
+
+
+def _functions(nodes: Iterable[ast.AST]) -> Iterator[Function]:
+    return (node for node in nodes if isinstance(node, Function))
 
 
 def complexity(function: ast.AST) -> int:
@@ -243,7 +247,7 @@ def same_bodies(product: Sequence[Source]) -> list[str]:
     """Functions whose body stands in several places, but for docstrings, annotations and the names of its variables."""
     places = defaultdict(list)
     for source in product:
-        for function in functions(ast.parse(source.text)):
+        for function in _functions(ast.walk(ast.parse(source.text))):
             body = function.body[1:] if ast.get_docstring(function, clean=False) is not None else function.body
             if sum(1 for statement in body for _ in ast.walk(statement)) >= BODY_NODES:
                 bare = Renamed().visit(ast.Module([ast.FunctionDef("f", function.args, body, [])], []))

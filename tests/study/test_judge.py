@@ -119,7 +119,7 @@ def test_what_an_entry_is_at_a_certain_value_may_be_named_by_it() -> None:
 
 
 def test_what_is_called_nothing_that_matters_is_counted_apart_and_only_where_it_matters_little() -> None:
-    little = {"noise_floor_percent": {"p": 90.3, "q": 90.0}, "parent": {"L_b": 1.04}}
+    little: dict[str, Any] = {"noise_floor_percent": {"p": 90.3, "q": 90.0}, "parent": {"L_b": 1.04}}
     spared = answered("beyond", "complete", **little)
     costly = answered("beyond", "complete", **little | {"noise_floor_percent": {"p": 90.0, "q": 91.0}})
     harmful = answered("beyond", "complete", **little | {"parent": {"L_b": 1.06}})
