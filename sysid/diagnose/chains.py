@@ -269,9 +269,9 @@ class _Chains:
         asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
         self.seconds[first.effect] = asked
         # what is dear last: the best of the others may be out of its reach by then
-        chosen = self.without_twins(asked)[:SECONDS]
-        for second in sorted(chosen, key=lambda one: self.price_of(one, begun) >= DEAR):
-            if _names(first.effect, second.effect) not in self.found and self.promising(first, second):
+        chosen = self.of_each_kind(self.without_twins(asked), begun)[:SECONDS]
+        for second, promise in sorted(chosen, key=lambda each: self.price_of(each[0], begun) >= DEAR):
+            if _names(first.effect, second.effect) not in self.found and self.promising(first, promise):
                 self.fit(first, second)
         return True
 
@@ -283,6 +283,24 @@ class _Chains:
             if not any(self.twins(one.effect, other.effect) for other in kept):
                 kept.append(one)
         return kept
+
+    def of_each_kind(self, seconds: Sequence[Ranked], begun: Candidate) -> list[tuple[Ranked, Ranked]]:
+        """Each with itself; but of those that are dear to fit and alone explain the same, as lags and filters do, the
+        one that alone explains most with the one that promises most. It stands for the others, which are exchanged for
+        it at the end, and the budget reaches other kinds."""
+        kept: list[tuple[Ranked, Ranked]] = []
+        for one in seconds:
+            dear = one.effect in self.alone and self.price_of(one, begun) >= DEAR
+            like = next((k for k, other in enumerate(kept) if dear and self.alike(one.effect, other[0].effect)), None)
+            if like is None:
+                kept.append((one, one))
+            elif self.alone[one.effect].chi_squared > self.alone[kept[like][0].effect].chi_squared:
+                kept[like] = one, kept[like][1]
+        return kept
+
+    def alike(self, one: str, other: str) -> bool:
+        """Whether two plausible effects explain the same alone."""
+        return one in self.alone and other in self.alone and not _apart(self.alone[one], self.alone[other])
 
     def twins(self, one: str, other: str) -> bool:
         """Whether two plausible effects are the same one under two names, as a lag of all servos and of both gyros."""

@@ -38,7 +38,7 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     single = _likeliest_in_practice(single, singles)
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
-    named = _likeliest_in_practice(pair, pairs)
+    named = _likeliest_in_practice(pair, pairs, singles)
     instead = single.implausible and not named.implausible  # what only stands in is no simpler answer
     return named if instead or max(_more(pair, single), _more(named, single)) > REMAINDER else single
 
@@ -55,10 +55,10 @@ def _more(pair: Ranked, single: Ranked) -> float:
     return max(more)
 
 
-def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
+def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked], halves: Sequence[Ranked] = ()) -> Ranked:
     """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size; else a simpler
     one that is plainly plausible and explains as much; and one that explains what can be explained before one that is
-    likelier by a hair and does not."""
+    likelier by a hair and does not. `halves` of chains are what they explain alone."""
     assert winner.stepped is not None
     stepped = winner.stepped
     near = max(SAME, 2 * misfit(winner, CHANCE))
@@ -73,9 +73,9 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
     more = [one for one in others if _explains_more(one, best, near)]
     best = min(more, key=lambda one: one.delta_bic, default=best)
     best = min((one for one in others if _shows_plainly_more(one, best)), key=lambda one: one.delta_bic, default=best)
-    if not best.outside or len(best.effects) > 1:  # of two, the larger explains nearly as much with anything beside it
+    if not best.outside:
         return best
-    simpler = [one for one in others if _explains_as_much(one, best)]
+    simpler = [one for one in others if _explains_as_much(one, best, halves)]
     return min(simpler, key=lambda one: one.delta_bic, default=best)
 
 
@@ -116,16 +116,26 @@ def _measured_by_samples(one: Ranked) -> bool:
     return one.fit.division.measured and any(effect.samples is not None for effect in one.own)
 
 
-def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
-    """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair."""
+def _explains_as_much(one: Ranked, winner: Ranked, halves: Sequence[Ranked]) -> bool:
+    """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair. Of two,
+    beside a half that both have: with the larger anything explains nearly as much."""
     if one.fit is None or len(one.names) >= len(winner.names) or one.explained_share is None:
         return False
     if not set(one.outside) < set(winner.outside):
         return False
-    if one.delta_bic >= 0 or one.chi_squared < AS_MUCH * winner.chi_squared:
+    anyway = _explained_anyway(one, winner, halves)
+    if anyway is None or one.delta_bic >= 0 or one.chi_squared - anyway < AS_MUCH * (winner.chi_squared - anyway):
         return False
     shares = [(one.explained_share, winner.explained_share), (one.validation_share, winner.validation_share)]
     return all(his is None or (own is not None and own >= his - ALMOST) for own, his in shares)
+
+
+def _explained_anyway(one: Ranked, winner: Ranked, halves: Sequence[Ranked]) -> float | None:
+    """Chi squared of what a chain and another have in common; None where that is not known."""
+    if len(winner.effects) == 1:
+        return 0.0
+    common = set(one.effects) & set(winner.effects)
+    return next((half.chi_squared for half in halves if {half.effect} == common and half.fit is not None), None)
 
 
 def _stands_beside(one: Ranked, winner: Ranked, behind: float, apart: float, near: float) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -173,8 +173,8 @@ def test_a_simpler_entry_explains_as_much_only_with_as_much_evidence() -> None:
     bar = refitted("stabiliser_bar", 0.0, 0, added=2, explained_share=1.0, outside=("tau_b",))
     as_good = refitted("servo_lag", 500.0, 1, explained_share=1.0)
     crumb = refitted("servo_lag", CHI_SQUARED - 5.0, 1, explained_share=1.0)
-    assert choice._explains_as_much(as_good, bar)
-    assert not choice._explains_as_much(crumb, bar)
+    assert choice._explains_as_much(as_good, bar, ())
+    assert not choice._explains_as_much(crumb, bar, ())
 
 
 def test_beside_an_implausible_half_the_simpler_of_two_others_is_named_and_what_is_like_it_declared() -> None:
@@ -219,6 +219,23 @@ def test_of_two_the_likelier_half_is_named_though_another_has_fewer_numbers() ->
         effects=("servo_lag", "servo_rate_limit"),
     )
     assert choice.winner([lag], [damped, crumb]) is damped
+
+
+def test_of_two_a_simpler_half_is_named_that_adds_as_much_to_the_other() -> None:
+    coupled = refitted("input_coupling", 0.7 * CHI_SQUARED, 0, explained_share=0.4)
+
+    def beside(name: str, behind: float, number: int, **more: Any) -> Ranked:
+        other = refitted(name, behind * CHI_SQUARED, number, explained_share=1.0, **more)
+        return replace(other, effects=("input_coupling", name))
+
+    inflow = beside("dynamic_inflow", 0.0, 1, added=6, outside=("k_l",))
+    lag, mode = beside("servo_lag", 0.03, 2, added=5), beside("structural_mode", 0.2, 3, added=5)
+    assert choice.winner([coupled], [inflow, lag]) is lag
+    assert choice.winner([coupled], [replace(inflow, outside=()), lag]) is not lag, "nothing of it is doubtful"
+    assert choice.winner([coupled], [inflow, mode]) is inflow, "what it adds is less"
+    assert choice.winner([refitted("servo_lag", 0.5 * CHI_SQUARED)], [inflow, lag]) is inflow, "the half is not known"
+    other = replace(lag, effects=("servo_lag", "servo_backlash"))
+    assert choice.winner([coupled], [inflow, other]) is inflow, "another pair"
 
 
 def test_what_explains_all_is_named_before_what_is_likelier_by_a_hair() -> None:
