@@ -324,14 +324,17 @@ class _Chains:
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
     def fit(self, first: Ranked, second: Ranked) -> None:
-        """Fit the second beside the first; and the first beside the second, where the one is not plausible."""
+        """Fit the second beside the first, or the first beside the second where that is cheaper; and the other way
+        round where the one is not plausible."""
         self.tried += 1
         spent = min(1.0, 1 - self.left / self.budget) if self.budget > 0 else 1.0
         chain = (first.effect, second.effect)
         self.say(Asking(stage=Stage.CHAINS, effects=chain, number=self.tried, done=spent, at_most=True))
-        waiting = [(second, first)]
-        while waiting:
-            more, begin = waiting.pop()
+        ways = [(second, first)]
+        turned = self.turned(first, second)
+        if turned is not None:
+            ways.insert(0, turned)
+        for number, (more, begin) in enumerate(ways):
             assert begin.fit is not None
             if not self.paid(self.price_of(more, begin.fit)):
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
@@ -342,10 +345,20 @@ class _Chains:
                 self.interrupt()
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
                 return
-            if begin is first and (both is None or both.implausible):
+            if both is not None and not both.implausible:
+                return
+            if number == 0 and turned is None:
                 # alone, the first one stands in for the second too, and may not come away from there
                 other = self.fitted_alone(second) if both is None else self.alone.get(second.effect)
-                waiting += [] if other is None else [(first, other)]
+                ways += [] if other is None else [(first, other)]
+
+    def turned(self, first: Ranked, second: Ranked) -> tuple[Ranked, Ranked] | None:
+        """The first to be fitted beside the second, where that was fitted alone and it is cheaper so: what is linear
+        has to look for its valley, and each look is simulated beside what is not."""
+        other = self.alone.get(second.effect)
+        if other is None or other.fit is None or first.fit is None:
+            return None
+        return (first, other) if self.price_of(first, other.fit) < self.price_of(second, first.fit) else None
 
     def fitted_alone(self, one: Ranked) -> Ranked | None:
         """The effect by itself, fitted now where it was not; None where it is not plausible there, or too dear."""

@@ -270,3 +270,51 @@ def test_what_is_dear_is_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chains._Chains, "fit", lambda _, __, one: tried.append(one.effect))
     assert search.begin_with(first)
     assert tried == ["speed_stability", "quadratic_damping"]
+
+
+def test_of_what_is_dear_and_alone_alike_the_best_stands_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter beside a damping was never reached: a lag, a delay and another lag had spent the budget before it."""
+    late = [alone("servo_lag", 3432.0), alone("transport_delay", 3859.0), alone("gyro_filter", 3927.0)]
+    inflow = alone("dynamic_inflow", 3600.0)
+    search = search_of(False, *late, inflow)
+    seconds = [
+        *(scored("servo_lag", 2424.0), scored("transport_delay", 2368.0), scored("servo_rate_limit", 1700.0)),
+        *(scored("gyro_filter", 1649.0), scored("dynamic_inflow", 967.0)),
+    ]
+    monkeypatch.setattr(chains, "_apart", lambda one, other, *_: inflow in (one, other))
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    kinds = [(one.effect, promise.effect) for one, promise in search.of_each_kind(seconds, cast("Any", None))]
+    assert kinds == [
+        ("gyro_filter", "servo_lag"),
+        ("servo_rate_limit", "servo_rate_limit"),
+        ("dynamic_inflow", "dynamic_inflow"),
+    ]
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.PRICES["linear"])
+    kinds = [(one.effect, promise.effect) for one, promise in search.of_each_kind(seconds, cast("Any", None))]
+    assert kinds == [(one.effect, one.effect) for one in seconds], "what costs little is tried itself"
+
+
+@pytest.mark.parametrize("plausible", [True, False])
+def test_what_is_cheaper_so_is_fitted_the_other_way_round_first(
+    plausible: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A filter beside a damping is looked for at many corners, each simulated; the damping beside the filter is not."""
+    damping, late = alone("quadratic_damping", 900.0), alone("gyro_filter", 800.0)
+    tried: list[tuple[str, str]] = []
+
+    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked:
+        tried.append((begin.effect, more.effect))
+        return alone("", 1000.0, () if plausible else ("zeta",))
+
+    search = search_of(False, damping, late)
+    monkeypatch.setattr(
+        chains._Chains, "price_of", lambda _, more, __: {"quadratic_damping": 25.0, "gyro_filter": 85.0}[more.effect]
+    )
+    monkeypatch.setattr(chains._Chains, "_fitted", fitted)
+    search.fit(damping, scored("gyro_filter", 500.0))
+    both = [("gyro_filter", "quadratic_damping"), ("quadratic_damping", "gyro_filter")]
+    assert tried == both[: 1 if plausible else 2]
+    assert search.left == chains.BUDGET - (25.0 if plausible else 110.0)
+    tried.clear()
+    search.fit(late, scored("quadratic_damping", 500.0))
+    assert tried[0] == ("gyro_filter", "quadratic_damping")
