@@ -324,8 +324,8 @@ class _Chains:
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
     def fit(self, first: Ranked, second: Ranked) -> None:
-        """Fit the second beside the first, or the first beside the second where that is cheaper; and the other way
-        round where the one is not plausible."""
+        """Fit the second beside the first, or the first beside the second where that is dear and this cheaper; and the
+        other way round where the one is not plausible."""
         self.tried += 1
         spent = min(1.0, 1 - self.left / self.budget) if self.budget > 0 else 1.0
         chain = (first.effect, second.effect)
@@ -358,7 +358,8 @@ class _Chains:
         other = self.alone.get(second.effect)
         if other is None or other.fit is None or first.fit is None:
             return None
-        return (first, other) if self.price_of(first, other.fit) < self.price_of(second, first.fit) else None
+        price = self.price_of(second, first.fit)
+        return (first, other) if price >= DEAR and self.price_of(first, other.fit) < price else None
 
     def fitted_alone(self, one: Ranked) -> Ranked | None:
         """The effect by itself, fitted now where it was not; None where it is not plausible there, or too dear."""
