@@ -80,6 +80,22 @@ def test_a_size_is_as_detectable_as_was_asked_for() -> None:
     assert flight.detectability == pytest.approx(flight.plan.targets[0], rel=0.3)
 
 
+def test_of_two_that_make_the_same_neither_is_detectable_beside_the_other() -> None:
+    ground = ground_of(planned(CLEAN, ("servo_lag",)))
+    lag, late, coupled = (
+        ("servo_lag", {"tau_s": 0.01}),
+        ("gyro_lag", {"tau_g": 0.01}),
+        ("inertia_coupling", {"c_p": 0.03}),
+    )
+
+    def hiding(*some: tuple[str, dict[str, float]]) -> Hidden:
+        return Hidden(tuple(name for name, _ in some), tuple(size for _, size in some))
+
+    for one, least, most in ((late, 0.0, 0.02), (coupled, 0.5, 2.0)):
+        alone, beside = ground.chi_squared(hiding(one)), ground.chi_squared(hiding(lag, one), hiding(lag))
+        assert least * alone <= beside < most * alone
+
+
 def test_lateness_that_an_untold_loop_leaves_open_is_not_detectable() -> None:
     plan = planned(UNTOLD, ("servo_lag",))
     assert (plan.loop_hz, plan.log_hz, plan.loop_told) == (500, 50, False)

@@ -5,7 +5,8 @@ what is left is divided by the spectrum of what gusts and gyro noise leave of th
 band where the log has not every sample of the loop: noise on the excitation between samples moves the vehicle, and
 nobody knows it. What the base's own parameters could make of it is taken away, and so is lateness of all commands that
 the log leaves open: where it does not tell its loop, commands held for a sample of the log act later than they did. The
-sum is chi squared, expected above the noise; DETECTABLE of it counts 1.
+sum is chi squared, expected above the noise; DETECTABLE of it counts 1. Of two, each is measured beside the other: the
+vehicle with the other alone answers, and what other sizes of that could make is taken away as well.
 """
 
 from __future__ import annotations
@@ -61,17 +62,21 @@ class Ground:
         smooth = np.stack([np.convolve(power[:, i], kernel, mode="same") for i in range(2)], axis=1)
         return cls(vehicle=vehicle, still=air.still, loop=loop, bins=inside, noise=smooth[inside], untold_s=untold_s)
 
-    def chi_squared(self, hidden: Hidden) -> float:
-        """Infinite where the vehicle does not hold."""
+    def chi_squared(self, hidden: Hidden, known: Hidden = NOTHING) -> float:
+        """Of what is hidden, beyond what is `known` of it by name; infinite where the vehicle does not hold."""
         effect = flown(self.vehicle, hidden, self.still, self.loop)
         if not effect.holds:
             return float("inf")
         commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
-        base = flown(self.vehicle, NOTHING, commanded, replace(self.loop, closed=False))
+        openly = replace(self.loop, closed=False)
+        base = flown(self.vehicle, known, commanded, openly)
         weight = np.sqrt(2 / self.noise)[..., None]
         seen, expected = (np.fft.rfft(one.measured, axis=0)[self.bins] for one in (effect, base))
         moved = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
         slopes = [np.einsum("kij,kjr->kir", slope, moved) * weight for slope in self._slopes()]
+        for other in _other_sizes(known):
+            answer = flown(self.vehicle, other, commanded, openly).measured
+            slopes.append(np.fft.rfft(answer - base.measured, axis=0)[self.bins] * weight)
         rows = np.stack([_real(one) for one in slopes], axis=1)
         own = np.linalg.qr(rows / (np.linalg.norm(rows, axis=0) + 1e-300))[0]
 
@@ -95,6 +100,19 @@ class Ground:
             _response({**table, name: table[name] + (A_LITTLE * table[name] or A_LITTLE)}, self._s, dt) - here
             for name in self.vehicle.parameters
         ]
+
+
+def _other_sizes(known: Hidden) -> list[Hidden]:
+    """Each size a little larger, those that are none left out."""
+    return [
+        replace(
+            known,
+            sizes=tuple({**each, name: (1 + A_LITTLE) * each[name]} if each is size else each for each in known.sizes),
+        )
+        for size in known.sizes
+        for name, value in size.items()
+        if value
+    ]
 
 
 def _folded(vehicle: Vehicle, air: Air, loop: Loop, bins: NDArray[np.intp], every: int) -> Array:

@@ -101,7 +101,7 @@ class Stranger:
     plan: Plan
     hidden: Hidden
     detectability: float | None
-    """Times DETECTABLE; of two the smaller; None where nothing is missing."""
+    """Times DETECTABLE; of two the smaller, each alone and beside the other; None where nothing is missing."""
     runs: tuple[Mapping[str, Array], ...]
     """The card's, channels (n,) under the contract's names."""
 
@@ -205,7 +205,17 @@ def fly(seed: int, only: tuple[str, ...] = ()) -> Stranger:
         size, seen = _sized(plan, ground, name, plan.targets[i], draws[i])
         sizes.append(size)
         shown.append(seen)
+    if ground is not None and len(sizes) == 2:
+        shown += _beside_each_other(ground, Hidden(plan.names, tuple(sizes)))
     return as_planned(plan, Hidden(plan.names, tuple(sizes)), air, min(shown) if shown else None)
+
+
+def _beside_each_other(ground: Ground, both: Hidden) -> list[float]:
+    """How well the flight shows each of two where the other is known; nothing where they do not fly together."""
+    found = [
+        ground.chi_squared(both, Hidden((name,), (size,))) for name, size in zip(both.names, both.sizes, strict=True)
+    ]
+    return [one / DETECTABLE for one in found if math.isfinite(one)]
 
 
 def as_planned(plan: Plan, hidden: Hidden, air: Air | None = None, detectability: float | None = None) -> Stranger:
