@@ -258,7 +258,7 @@ def screen_text(app: TippathApp) -> list[str]:
 
 async def settle(app: TippathApp) -> None:
     """Until what the engine says now stands on the screen."""
-    for _ in range(2):  # heights that change with the text are known after the first
+    for _ in range(5):  # heights that change with the text, and what stands beside it, are known after the first
         before = [box.region for box in app.screen.query(Lines)]
         app.look()
         await _drawn(app)
