@@ -6,7 +6,7 @@ standard deviation of what speaks against that:
 - clocks: the stamps of commands and of rates may each be off by half a period of the vehicle's loop (of the log, where
   the loop's rate is not known), which is also what one convention of holding commands is apart from another;
 - frequencies: what octaves of the band disagree about, and runs what runs do, beyond chance: each is left out in turn
-  (jackknife);
+  (jackknife); of a few parts larger, so that twice it holds what twice a known standard deviation does (Student);
 - validation: how far the values would move if the validation runs were fitted too, beyond chance.
 
 All are single steps from the fit, on bins that are there already; nothing is fitted again. A model error that every run
@@ -41,6 +41,10 @@ OF_A_PERIOD = 1 / math.sqrt(12)
 """and the standard deviation of what each is off, somewhere within half a period on either side."""
 LOWEST_OCTAVE_HZ = 0.5
 """Below it the band is one part."""
+TWO_SIDED = 0.97725
+"""What lies below two standard deviations."""
+LEAST_FREEDOM = 2
+"""Degrees of freedom at least: of two parts alone two would be seven."""
 LOOSE = 5.0
 """Times its own standard error, that a value may be uncertain without some of the bins for these to count."""
 
@@ -174,6 +178,9 @@ def _disagreement(cells: _Cells, whole: FloatArray, label: NDArray[np.int64]) ->
 
     What is hardly determined without some bins says nothing there.
     """
+    # half a second to load: only where errors are told
+    from scipy.special import stdtrit
+
     labels = np.unique(label)
     H, V = cells.curvature.sum(axis=0), cells.variance.sum(axis=0)
     step = whole @ cells.gradient.sum(axis=0)
@@ -191,7 +198,8 @@ def _disagreement(cells: _Cells, whole: FloatArray, label: NDArray[np.int64]) ->
         told = chance < (LOOSE * errors) ** 2
         beyond += np.where(told, move**2 - chance, 0.0)
         counted += told
-    return np.asarray(np.sqrt(np.maximum(beyond, 0) * np.maximum(counted - 1, 0) / np.maximum(counted, 1)))
+    seldom = stdtrit(np.maximum(counted - 1, LEAST_FREEDOM), TWO_SIDED) / 2
+    return np.asarray(seldom * np.sqrt(np.maximum(beyond, 0) * np.maximum(counted - 1, 0) / np.maximum(counted, 1)))
 
 
 def _moved_by(cells: _Cells, whole: FloatArray, judging: _Cells) -> FloatArray:

@@ -20,7 +20,7 @@ from sysid.fit.model_error import with_model_errors
 from sysid.model.paper import TPP
 
 VEHICLES = 40
-FIRST_SEED = 8000
+FIRST_SEED = 8500
 SECONDS = 15.0
 SPREAD = 0.1
 COVERAGE = (0.93, 0.99)
