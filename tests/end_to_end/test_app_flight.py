@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,11 +33,12 @@ async def until(condition, within_s=60.0):
             await asyncio.sleep(0.02)
 
 
-@pytest.mark.realtime
-async def test_connect_see_samples_fly_and_abort(tmp_path):
+@pytest.fixture
+def engine(tmp_path: Path) -> Iterator[FlightWorker]:
+    """On a simulated vehicle of its own, with a short card."""
     card = tmp_path / "short.toml"
     card.write_text(CARD)
-    engine = FlightWorker(
+    worker = FlightWorker(
         None,
         plant="hover",
         start_vehicle=lambda: SimulatedVehicle("hover", tmp_path / "vehicle", seed=3),
@@ -44,51 +47,68 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
         card=str(card),
     )
     try:
-        app = TippathApp(engine, bell=False)
-        async with app.run_test(size=(80, 24)) as pilot:
-            await until(lambda: engine.state().stage is Stage.IDLE)
-            assert engine.state().vehicle.armed
-            await until(lambda: engine.window(5).t.size > 3)
-
-            await make_ready(pilot, engine)
-            assert engine.state().vehicle.mode_name == "Stabilize", "ready moves nothing"
-            assert engine.window(5).t.size > 500, "the log arrives at 500 Hz"
-            assert "returns home" in engine.state().link_loss
-
-            await pilot.press("s")
-            await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 1.0)
-            assert engine.state().vehicle.mode_name == "SystemID"
-            # the newest sample's excitation comes in a later message than its rates
-            assert np.nanmax(np.abs(engine.window(2).excitation_x)) > 0.02
-
-            await pilot.press("c")
-            await pilot.press("x")
-            await pilot.press("f12")
-            await until(lambda: engine.state().stage is Stage.HELD)
-            assert engine.state().runs[0].mark is Mark.NEXT, "it waits to be flown again, or for the card's end"
-            await pilot.press("escape", "e")
-            await until(lambda: engine.state().stage is Stage.IDLE)
-            state = engine.state()
-            assert state.vehicle.mode_name == "Stabilize"
-            assert state.vehicle.armed
-            assert state.runs[0].mark is Mark.AGAIN
-            assert "aborted" in " ".join(state.runs[0].why)
-            about = json.loads((state.flight / "flight.json").read_text())
-            assert [run["ending"] for run in about["runs"]] == ["aborted", "aborted"]
-            assert [run["verdict"] is None for run in about["runs"]] == [False, True]
-            assert about["missing_blocks"] == 0
-
-            # Quitting in a chirp: it is aborted first, and the log is whole.
-            await make_ready(pilot, engine)
-            await pilot.press("s")
-            await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 0.3)
-            await pilot.press("7", "q", "y")
-            await until(lambda: app._exit)
-        await asyncio.to_thread(engine.close)
-        again = engine.state()
-        assert again.flight != state.flight
-        about = json.loads((again.flight / "flight.json").read_text())
-        assert [run["ending"] for run in about["runs"]] == ["aborted"]
-        assert about["missing_blocks"] == 0
+        yield worker
     finally:
-        engine.close()
+        worker.close()
+
+
+async def connected(engine):
+    await until(lambda: engine.state().stage is Stage.IDLE)
+    await until(lambda: engine.window(5).t.size > 3)
+
+
+async def started(pilot, engine, elapsed_s):
+    """S, and the chirp so far on."""
+    await pilot.press("s")
+    await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > elapsed_s)
+
+
+@pytest.mark.realtime
+async def test_connect_see_samples_fly_and_abort(engine):
+    app = TippathApp(engine, bell=False)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await connected(engine)
+        assert engine.state().vehicle.armed
+
+        await make_ready(pilot, engine)
+        assert engine.state().vehicle.mode_name == "Stabilize", "ready moves nothing"
+        assert engine.window(5).t.size > 500, "the log arrives at 500 Hz"
+        assert "returns home" in engine.state().link_loss
+
+        await started(pilot, engine, 1.0)
+        assert engine.state().vehicle.mode_name == "SystemID"
+        # the newest sample's excitation comes in a later message than its rates
+        assert np.nanmax(np.abs(engine.window(2).excitation_x)) > 0.02
+
+        await pilot.press("c")
+        await pilot.press("x")
+        await pilot.press("f12")
+        await until(lambda: engine.state().stage is Stage.HELD)
+        assert engine.state().runs[0].mark is Mark.NEXT, "it waits to be flown again, or for the card's end"
+        await pilot.press("escape", "e")
+        await until(lambda: engine.state().stage is Stage.IDLE)
+        state = engine.state()
+        assert state.vehicle.mode_name == "Stabilize"
+        assert state.vehicle.armed
+        assert state.runs[0].mark is Mark.AGAIN
+        assert "aborted" in " ".join(state.runs[0].why)
+        about = json.loads((state.flight / "flight.json").read_text())
+        assert [run["ending"] for run in about["runs"]] == ["aborted", "aborted"]
+        assert [run["verdict"] is None for run in about["runs"]] == [False, True]
+        assert about["missing_blocks"] == 0
+
+
+@pytest.mark.realtime
+@pytest.mark.thorough
+async def test_quitting_in_a_chirp_aborts_it_first_and_the_log_is_whole(engine):
+    app = TippathApp(engine, bell=False)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await connected(engine)
+        await make_ready(pilot, engine)
+        await started(pilot, engine, 0.3)
+        await pilot.press("7", "q", "y")
+        await until(lambda: app._exit)
+    await asyncio.to_thread(engine.close)
+    about = json.loads((engine.state().flight / "flight.json").read_text())
+    assert [run["ending"] for run in about["runs"]] == ["aborted"]
+    assert about["missing_blocks"] == 0

@@ -89,6 +89,7 @@ def test_it_says_where_it_is_and_speaks_there_in_real_time(start: Start, tmp_pat
 
 
 @pytest.mark.realtime
+@pytest.mark.thorough
 def test_the_command_hands_its_faults_on(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs.cli", "sim", "--listen", "udpin:127.0.0.1:0", "-o", str(tmp_path / "v")]
     faults = ["--lag", "0.1", "--outage=down@0:1.2", "--second-vehicle=land@1.5:", "--second-attitude"]

@@ -110,6 +110,7 @@ def test_what_makes_no_sense_is_refused_before_the_vehicle_is_asked(
 
 
 @pytest.mark.realtime
+@pytest.mark.thorough
 def test_ctrl_c_leaves_a_beginning_that_is_gone_on_with(
     tmp_path: Path, until: Callable[..., Any], capsys: pytest.CaptureFixture[str]
 ) -> None:

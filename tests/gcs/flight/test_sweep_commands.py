@@ -325,6 +325,7 @@ def test_sim_says_how_to_connect_passes_its_pilots_lines_and_ends(tmp_path: Path
 
 
 @pytest.mark.realtime
+@pytest.mark.thorough
 def test_sim_ends_by_a_signal_and_leaves_no_vehicle_behind(tmp_path: Path) -> None:
     """One ended by Ctrl-C, one by the system; they start side by side."""
     command = [sys.executable, "-m", "gcs.cli", "sim", "--listen", "udpout:127.0.0.1:0", "-o"]
