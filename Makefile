@@ -52,7 +52,7 @@ contracts: $(STAMP)
 	$(BIN)/lint-imports
 
 compiled: $(STAMP)  # the tests are rewritten once, not by every process that runs them
-	@$(BIN)/python -m pytest --collect-only -qq > /dev/null
+	@$(BIN)/python -m pytest --collect-only -qq > $(VENV)/compiled.log 2>&1 || { cat $(VENV)/compiled.log; exit 1; }
 
 tests: $(STAMP)  # what flies in real time mostly waits: it has a process of its own beside the others
 	@$(MAKE) --no-print-directory -j2 flights quick
