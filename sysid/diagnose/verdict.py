@@ -21,6 +21,7 @@ from sysid.diagnose.confidence import (
     of_chain,
     of_complete,
     of_named,
+    of_single,
     of_unexplained,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain
@@ -268,7 +269,8 @@ def _answer(
     named = of_named(ratio, shares.short(winner), among)
     doubtful = len(chain) > 1 and named < CHAIN_NAMED
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
-    right = named if len(chain) == 1 else of_chain(ratio, shares.short(winner), among)
+    told = (of_single if len(chain) == 1 else of_chain)(ratio, shares.short(winner), among)
+    likely = named if len(chain) == 1 else told
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -277,7 +279,7 @@ def _answer(
         indistinguishable=among.alike,
         equivalent=among.equivalent,
         confidence=_sure(
-            winner, _named_sure(winner, right) if missing else _of_unexplained(winner, chance, right, reference)
+            winner, _named_sure(winner, told) if missing else _of_unexplained(winner, chance, likely, reference)
         ),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,

@@ -103,9 +103,10 @@ class Flight:
 
     @property
     def answer_right(self) -> bool:
-        """Whether the verdict is what it should be: `complete` of what no flight of this kind could show as well."""
+        """Whether the verdict is what it should be: `complete` of what no flight of this kind could show as well, or of
+        what matters little."""
         if self.said["verdict"] == "complete":
-            return self.level == "none" or not self.visible
+            return self.level == "none" or not self.visible or self.spared
         if self.said["verdict"] == "missing" and self.level != "beyond":
             return self.level != "none" and self.right_in_class
         return self.level == "beyond" and self.right

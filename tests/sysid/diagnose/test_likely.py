@@ -13,7 +13,14 @@ import pytest
 
 from sysid.diagnose import candidates, choice, likely
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
-from sysid.diagnose.confidence import COMPLETE_RIGHT, UNEXPLAINED_RIGHT, of_complete, of_named, of_unexplained
+from sysid.diagnose.confidence import (
+    COMPLETE_RIGHT,
+    UNEXPLAINED_RIGHT,
+    of_complete,
+    of_named,
+    of_single,
+    of_unexplained,
+)
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.likely import declared, near
 from sysid.model.effect import catalogue, named_effect
@@ -100,6 +107,14 @@ def test_of_many_alike_only_the_one_named_counts() -> None:
     assert few.right > 0.97
     assert many.right == many.named < 0.4
     assert of_named(3.0, 0.0, many) < 0.4 < 0.9 < of_named(3.0, 0.0, few)
+
+
+def test_a_single_name_is_told_less_modestly_and_no_surer_than_its_class() -> None:
+    lag = refitted("servo_lag")
+    one, many = of(lag, []), of(lag, [refitted(f"late {i}", 2.0, i) for i in range(1, 6)])
+    assert of_named(0.5, 0.0, one) < 0.6 < 0.85 < of_single(0.5, 0.0, one) < 0.9
+    assert of_single(9.0, 0.0, one) == pytest.approx(of_named(9.0, 0.0, one), abs=1e-3)
+    assert of_single(9.0, 0.0, many) <= many.right < 0.4
 
 
 def test_a_long_tail_of_unlikely_ones_is_left_out_and_makes_less_sure() -> None:

@@ -99,16 +99,32 @@ def test_what_has_a_name_is_missing_unless_a_limit_was_asked_for(clean: Diagnosi
 
 @pytest.mark.usefixtures("few_effects_in_module")
 @pytest.mark.parametrize(
-    ("log10_chance", "confidence", "verdict"),
-    [(-6.0, 0.5, "complete"), (-8.0, 0.5, "missing"), (-6.0, 0.7, "missing")],
-    ids=["a guess at what is hardly seen", "plainly seen", "surely named"],
+    ("log10_chance", "confidence", "chain", "verdict"),
+    [
+        (-6.0, 0.88, ("x",), "complete"),
+        (-8.0, 0.88, ("x",), "missing"),
+        (-6.0, 0.91, ("x",), "missing"),
+        (-6.0, 0.6, ("x", "y"), "complete"),
+        (-6.0, 0.7, ("x", "y"), "missing"),
+    ],
+    ids=[
+        "a guess at what is hardly seen",
+        "plainly seen",
+        "surely named",
+        "a guess at two",
+        "two, of which few are sure",
+    ],
 )
 def test_a_guess_at_what_is_hardly_seen_and_does_not_matter_is_none(
-    clean: Diagnosis, monkeypatch: pytest.MonkeyPatch, log10_chance: float, confidence: float, verdict: str
+    clean: Diagnosis,
+    monkeypatch: pytest.MonkeyPatch,
+    log10_chance: float,
+    confidence: float,
+    chain: tuple[str, ...],
+    verdict: str,
 ) -> None:
-    answer = replace(
-        clean, verdict="missing", effect="x", log_chance=log10_chance * math.log(10), confidence=confidence
-    )
+    chance = log10_chance * math.log(10)
+    answer = replace(clean, verdict="missing", effect="x", chain=chain, log_chance=chance, confidence=confidence)
     change = MarginChange(gain_db=0.1, phase_deg=0.5)
     monkeypatch.setattr(matters, "winner_change", lambda _: change)
     said = judged(answer, LEFT)
