@@ -56,6 +56,8 @@ LITTLE_POINTS = 0.3
 that would be designed."""
 BUDGET = 300.0
 """Base fits that all chains of one diagnosis may cost, by these prices:"""
+DEAREST = 100.0
+"""of one refit at most: a mode of four numbers, looked for beside a damping in time, took all of it and ten minutes;"""
 ASKED = 20.0
 """of the catalogue's scores on one first effect;"""
 LOOKS = {"linear": 0.6, "samples": 2.0, "in time": 15.0}
@@ -210,8 +212,8 @@ class _Chains:
         self.left, self.interrupted = -math.inf, True
 
     def paid(self, cost: float) -> bool:
-        """Whether the budget has this left; it is taken from it then."""
-        if cost > self.left:
+        """Whether the budget has this left, and one thing may cost so much; it is taken from it then."""
+        if cost > min(self.left, DEAREST):
             return False
         self.left -= cost
         return True

@@ -318,3 +318,22 @@ def test_what_is_cheaper_so_is_fitted_the_other_way_round_first(
     tried.clear()
     search.fit(late, scored("quadratic_damping", 500.0))
     assert tried[0] == ("gyro_filter", "quadratic_damping")
+
+
+def test_no_single_refit_takes_most_of_the_budget_and_what_is_left_out_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    mode, damping = alone("structural_mode", 1361.0, ("kappa_roll",)), alone("quadratic_damping", 255.0)
+    tried: list[str] = []
+
+    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked:
+        tried.append(more.effect)
+        return alone("", 1400.0, ("kappa_roll",))
+
+    search = search_of(False, mode, damping)
+    monkeypatch.setattr(
+        chains._Chains, "price_of", lambda _, more, __: 25.0 if more is damping else chains.DEAREST + 1.0
+    )
+    monkeypatch.setattr(chains._Chains, "_fitted", fitted)
+    search.fit(mode, damping)
+    assert tried == ["quadratic_damping"]
+    assert search.left == chains.BUDGET - 25.0
+    assert search.unsearched == BudgetSpent((("structural_mode", "quadratic_damping"),))
