@@ -269,8 +269,6 @@ def _answer(
     named = of_named(ratio, shares.short(winner), among)
     doubtful = len(chain) > 1 and named < CHAIN_NAMED
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
-    told = (of_single if len(chain) == 1 else of_chain)(ratio, shares.short(winner), among)
-    likely = named if len(chain) == 1 else told
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -278,9 +276,7 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=_sure(
-            winner, _named_sure(winner, told) if missing else _of_unexplained(winner, chance, likely, reference)
-        ),
+        confidence=_sure(winner, _told(winner, among, ratio, shares, reference, None if missing else chance)),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
@@ -293,6 +289,16 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     assert winner.fit is not None
     among = declared(winner, answers)
     return where_samples_are_lost(among, winner, singles) if samples_lost(winner.fit.dataset) else among
+
+
+def _told(
+    winner: Ranked, among: Class, ratio: float, shares: Shares, reference: Reference, chance: float | None
+) -> float:
+    """How sure a name is, or, where there is a `chance` of noise, that it is none."""
+    short, single = shares.short(winner), len(winner.effects) == 1
+    if chance is None:
+        return _named_sure(winner, (of_single if single else of_chain)(ratio, short, among))
+    return _of_unexplained(winner, chance, (of_named if single else of_chain)(ratio, short, among), reference)
 
 
 def _sure(winner: Ranked, confidence: float) -> float:
