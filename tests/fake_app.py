@@ -257,14 +257,21 @@ def screen_text(app: TippathApp) -> list[str]:
 
 
 async def settle(app: TippathApp) -> None:
-    """Until what the engine says now stands on the screen."""
-    for _ in range(5):  # heights that change with the text, and what stands beside it, are known after the first
-        before = [box.region for box in app.screen.query(Lines)]
+    """Until what the engine says now stands on the screen, and nothing moves any more."""
+    still = 0
+    for _ in range(20):  # heights that change with the text, and the bars beside it, are known after the first
+        before = _places(app)
         app.look()
         await _drawn(app)
-        if before == [box.region for box in app.screen.query(Lines)]:
+        still = still + 1 if before == _places(app) else 0
+        if still == 2:
             break
     app.look()
+
+
+def _places(app: TippathApp) -> list[tuple[Any, ...]]:
+    """Where each text stands, how large what holds it is, and what is shown in it."""
+    return [(box.region, box.parent.size if box.parent else None, box.shown) for box in app.screen.query(Lines)]
 
 
 async def _drawn(app: TippathApp) -> None:
