@@ -271,7 +271,7 @@ async def settle(app: TippathApp) -> None:
 
 def _places(app: TippathApp) -> list[tuple[Any, ...]]:
     """Where each text stands, how large what holds it is, and what is shown in it."""
-    return [(box.region, box.parent.size if box.parent else None, box.shown) for box in app.screen.query(Lines)]
+    return [(box.region, box.container_size, box.shown) for box in app.screen.query(Lines)]
 
 
 async def _drawn(app: TippathApp) -> None:
