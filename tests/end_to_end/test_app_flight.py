@@ -63,6 +63,17 @@ async def started(pilot, engine, elapsed_s):
     await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > elapsed_s)
 
 
+async def aborted(pilot, engine):
+    await pilot.press("f12")
+    await until(lambda: engine.state().stage is Stage.HELD)
+
+
+async def ended(pilot, engine):
+    """The card, after an abort."""
+    await pilot.press("escape", "e")
+    await until(lambda: engine.state().stage is Stage.IDLE)
+
+
 @pytest.mark.realtime
 async def test_connect_see_samples_fly_and_abort(engine):
     app = TippathApp(engine, bell=False)
@@ -82,11 +93,9 @@ async def test_connect_see_samples_fly_and_abort(engine):
 
         await pilot.press("c")
         await pilot.press("x")
-        await pilot.press("f12")
-        await until(lambda: engine.state().stage is Stage.HELD)
+        await aborted(pilot, engine)
         assert engine.state().runs[0].mark is Mark.NEXT, "it waits to be flown again, or for the card's end"
-        await pilot.press("escape", "e")
-        await until(lambda: engine.state().stage is Stage.IDLE)
+        await ended(pilot, engine)
         state = engine.state()
         assert state.vehicle.mode_name == "Stabilize"
         assert state.vehicle.armed
@@ -106,9 +115,17 @@ async def test_quitting_in_a_chirp_aborts_it_first_and_the_log_is_whole(engine):
         await connected(engine)
         await make_ready(pilot, engine)
         await started(pilot, engine, 0.3)
+        await aborted(pilot, engine)
+        await ended(pilot, engine)
+        before = engine.state().flight
+
+        await make_ready(pilot, engine)
+        await started(pilot, engine, 0.3)
         await pilot.press("7", "q", "y")
         await until(lambda: app._exit)
     await asyncio.to_thread(engine.close)
-    about = json.loads((engine.state().flight / "flight.json").read_text())
+    again = engine.state()
+    assert again.flight != before
+    about = json.loads((again.flight / "flight.json").read_text())
     assert [run["ending"] for run in about["runs"]] == ["aborted"]
     assert about["missing_blocks"] == 0

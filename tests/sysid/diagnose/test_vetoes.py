@@ -29,6 +29,7 @@ SECONDS = 14.0
 PITCH_ALONE = {**PLANTED["structural_mode"], "kappa_roll": 0.0, "kappa_pitch": 0.06}
 
 
+LATE = ("motor_lag", "servo_second_order", "gyro_filter", "transport_delay")
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
 
@@ -170,8 +171,7 @@ def test_what_no_loop_could_make_has_no_such_reason() -> None:
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize(
     ("only_effects", "low_hz"),
-    [(("motor_lag", "servo_second_order", "gyro_filter", "transport_delay"), low) for low in (0.3,)]
-    + thorough((("motor_lag", "servo_second_order", "gyro_filter", "transport_delay"), low) for low in (1.0, 2.0)),
+    [(LATE, 0.3), *thorough([(LATE, 1.0), (LATE, 2.0)])],
     indirect=["only_effects"],
 )
 def test_a_simpler_entry_is_named_before_one_whose_values_are_doubtful(shared_data: Path, low_hz: float) -> None:
