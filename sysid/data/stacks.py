@@ -59,13 +59,17 @@ class Stack:
         """exp(j omega held_s), (bins,)."""
         return np.asarray(np.exp(2j * np.pi * self.held_s * self.frequency_hz)) if self.thinned_log else self.z
 
+    def kept_of(self, every: int) -> list[NDArray[np.intp]]:
+        """Numbers of every so many bins of each segment, at least FEWEST_BINS."""
+        return [
+            np.arange(part.start, part.stop, max(1, min(every, (part.stop - part.start) // FEWEST_BINS)))
+            for part in self.slices
+        ]
+
     def thinned(self, every: int) -> Stack:
         """Every so many bins of each segment, at least FEWEST_BINS: enough for a first look."""
-        kept, slices, length = [], [], 0
-        for part in self.slices:
-            size = part.stop - part.start
-            some = np.arange(part.start, part.stop, max(1, min(every, size // FEWEST_BINS)))
-            kept.append(some)
+        kept, slices, length = self.kept_of(every), [], 0
+        for some in kept:
             slices.append(slice(length, length + some.size))
             length += some.size
         at = np.concatenate(kept)

@@ -31,7 +31,7 @@ from sysid.diagnose.evidence import Candidate, gain
 from sysid.diagnose.likely import CHANCE, misfit
 from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
-from sysid.diagnose.refits import NEAR, PRICES, refitted
+from sysid.diagnose.refits import NEAR, PRICES, as_scored, goes_by_its_score, refitted
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
@@ -377,7 +377,10 @@ class _Chains:
         """Of one more effect fitted to what it begins with; nothing where it cannot act there."""
         structure, effect = begin.model.structure, named_effect(more.effect, self.reference.users)
         try:
-            return price(composed_with(structure, effect, begin.dataset), begin.model)
+            composed = composed_with(structure, effect, begin.dataset)
+            if goes_by_its_score(more, composed, self.reference.users):
+                return PRICES["in time"] if as_scored(more, composed, begin) is not None else 0.0
+            return price(composed, begin.model)
         except EffectError:
             return 0.0
 

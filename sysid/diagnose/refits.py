@@ -43,7 +43,7 @@ simulated from there on only: of 27 training flights with such an effect none ha
 WORTH_THE_TIME = math.log(0.01)
 """Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
 twice. All points counted in, a mode that explained chi squared of 130 was above it."""
-FEW_POINTS = 8
+FEW_POINTS = 40
 PRICES = {"linear": 2.0, "samples": 12.0, "in time": 25.0}
 """Base fits that a refit takes, by what has to be simulated."""
 NEAR = 0.7
@@ -159,19 +159,22 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     """The refit; where it explains far less than the score promised, or fails, a better one from where the score was.
 
     Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
-    A linear entry beside one that takes simulations in time begins where the score was: to look at every beginning
-    would cost more than all else.
+    A linear entry beside one that takes simulations in time begins where the score was, and nowhere else: to look at
+    every beginning would cost more than all else, and minutes where the response does not settle. No refit where the
+    score is beyond what it may be.
     """
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
         return replace(one, fit=None, not_testable=str(error))
-    near = _scored_in_time(one, composed, parent, users)
+    near = None
+    if goes_by_its_score(one, composed, users):
+        near = as_scored(one, composed, parent)
+        if near is None:
+            return replace(one, fit=None)
     fit, failure = _refit(composed, parent, one, near)
-    if near is not None and fit is None:
-        fit, failure = _refit(composed, parent, one, None)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
-    begin = _where_scored(one, composed, parent) if shows else None
+    begin = as_scored(one, composed, parent) if shows and linear_dynamics(composed) else None
     astray = False
     if begin is not None:
         fit, astray = _as_promised(fit, composed, parent, one, begin)
@@ -231,19 +234,16 @@ def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | No
         return None, str(error)
 
 
-def _scored_in_time(one: Ranked, composed: Structure, parent: Candidate, users: Sequence[Effect]) -> Model | None:
-    """The parent, which takes simulations in time, with a linear entry as it was scored; None of all else: what is not
-    linear has other sizes than one step promises."""
-    if one.score is None or linear_dynamics(composed) or not named_effect(one.effect, users).linear:
-        return None
-    return _inside(composed, dict(one.score.at) | parent.model.by_name)
+def goes_by_its_score(one: Ranked, composed: Structure, users: Sequence[Effect]) -> bool:
+    """Whether it is a linear entry beside what takes simulations in time, of a known score; what is not linear has
+    other sizes than one step promises."""
+    return one.score is not None and not linear_dynamics(composed) and named_effect(one.effect, users).linear
 
 
-def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
-    """The parent with the sizes of the score; None where a response has to settle, or they are not all known, or one is
-    beyond what it may be: that size of a score says that there is none."""
-    values = parent.model.by_name | ({} if one.score is None else dict(one.score.at))
-    return _inside(composed, values) if linear_dynamics(composed) else None
+def as_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
+    """The parent with the entry as it was scored; None where a size is beyond what it may be: that says that there is
+    none."""
+    return None if one.score is None else _inside(composed, dict(one.score.at) | parent.model.by_name)
 
 
 def _inside(composed: Structure, values: Mapping[str, float]) -> Model | None:

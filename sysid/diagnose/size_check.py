@@ -7,7 +7,8 @@ How much of the error it explains there shows that less well: half of a wrong si
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -17,15 +18,20 @@ import numpy as np
 from sysid.data.dataset import Bins, Dataset, viewed
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.initial_states import begun
+from sysid.diagnose.score import log_chance
+from sysid.diagnose.shares import divided
 from sysid.errors import FitError
-from sysid.fit.estimate import estimate
+from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.result import finite
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
 from sysid.model.relaxation import RelaxationError
 
 CERTAIN = 3.0
-"""Standard errors of a difference that chance may make."""
+"""Standard errors of a difference that chance may make;"""
+BY_CHANCE = math.log(0.0027)
+"""and the logarithm of its chance, where what the other runs lose by the sizes as they were fitted tells it: standard
+errors of a mode that hardly shows there bound nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,10 +46,14 @@ class Size:
     elsewhere_error: float
     whole: float = 0.0
     """The largest of its effect in its unit, on either: what the rest of a coupling adds is small beside that."""
+    by_chance: bool = False
+    """Whether the other runs are followed as well, but for chance, with all sizes as they were fitted."""
 
     @property
     def off(self) -> float:
         """By which share of the largest they differ at least, chance taken off: 0 where it may be chance."""
+        if self.by_chance:
+            return 0.0
         apart = abs(self.elsewhere - self.fitted) - CERTAIN * float(np.hypot(self.error, self.elsewhere_error))
         return max(0.0, apart) / max(self.whole, abs(self.fitted), abs(self.elsewhere), 1e-300)
 
@@ -90,7 +100,15 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
         return None
     if (one.estimate.instrumented or one.estimate.instrument == "prediction error") and not again.instrumented:
         return None  # feedback may have moved the one and not the other
-    names = model.structure.names
+    found = _beside(one, again, effects, fixed)
+    if any(size.off > 0 for size in found) and _as_well(again, one, runs, found, fixed, other):
+        return [replace(size, by_chance=True) for size in found]
+    return found
+
+
+def _beside(one: Candidate, again: Estimate, effects: Sequence[Effect], fixed: Mapping[str, float]) -> list[Size]:
+    """Sizes as they were fitted, beside those of the other runs; those that both determine."""
+    model, names = one.model, one.model.structure.names
     here, there = (np.sqrt(np.maximum(np.diag(each.covariance), 0)) for each in (one.estimate, again))
     found: list[Size] = []
     for effect in effects:
@@ -110,6 +128,25 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
                 own.append(size)
         found += [replace(one, whole=_largest(own, one.parameter.unit)) for one in own]
     return found
+
+
+def _as_well(
+    again: Estimate,
+    one: Candidate,
+    runs: Bins,
+    found: Sequence[Size],
+    fixed: Mapping[str, float],
+    other: Dataset,
+) -> bool:
+    """Whether the commands explain no more of what is left of the other runs, but for chance, with these sizes held as
+    they were fitted than where they are free."""
+    held = {**fixed, **{size.parameter.name: size.fitted for size in found}}
+    try:
+        bound = estimate(one.model.structure, runs, one.model, held, one.estimate.weights)
+    except (FitError, RelaxationError, np.linalg.LinAlgError):
+        return False
+    left = [divided(each.error, other).chi_squared for each in (bound, again)]
+    return log_chance(max(left[0] - left[1], 1e-300), len(found)) > BY_CHANCE
 
 
 def _largest(sizes: Sequence[Size], unit: str) -> float:

@@ -15,6 +15,11 @@ from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
+SCANNED_HZ = (
+    3.3, 3.6, 3.9, 4.2, 4.5, 4.9, 5.3, 5.7, 6.2, 6.6, 7.2, 7.8, 8.4, 9.0, 9.7, 10.5, 11.4, 12.3, 13.3, 14.3,
+)  # fmt: skip
+"""One apart by the width of a peak that is hardly damped: between two it would not show."""
+
 
 def equations(s: Signals) -> Mapping[str, Any]:
     w = 2 * pi * s.frequency_lag
@@ -45,8 +50,8 @@ EFFECT = Effect(
             "frequency of the regressive lag mode, seen from the body",
             plausible=(3.0, 15.0),  # rotor speed less lag frequency; beyond the band it shows no more
             bounds=(1.0, 40.0),
-            typical=7.0,
-            grid=(4.0, 5.5, 7.0, 9.0, 12.0),
+            typical=7.2,
+            grid=SCANNED_HZ,
         ),
         Parameter(
             "zeta_lag",
@@ -55,7 +60,7 @@ EFFECT = Effect(
             plausible=(0.01, 0.3),  # bolted grips to elastomeric dampers
             bounds=(1e-4, 1.0),  # without any, its answer has no end at its own frequency
             typical=0.08,
-            grid=(0.08,),
+            grid=(0.03, 0.08),
         ),
         Parameter(
             "gain",

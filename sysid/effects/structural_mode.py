@@ -14,6 +14,8 @@ from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
 TYPICAL_KAPPA = 0.1
+SCANNED_HZ = (3.6, 4.0, 4.5, 5.0, 5.6, 6.3, 7.1, 8.0, 9.0, 10.0, 11.2, 12.6, 14.2)
+"""One apart by the width of a damped peak."""
 
 
 def equations(s: Signals) -> Mapping[str, Any]:
@@ -39,7 +41,7 @@ def _parameters(axis: str) -> tuple[Parameter, ...]:
             plausible=(3.0, 60.0),  # wings and booms of small aircraft; above the band it only adds a little lag
             bounds=(0.3, 200.0),
             typical=8.0,
-            grid=(4.0, 4.8, 5.8, 7.0, 8.4, 10.0, 12.0, 14.5),  # one apart by the width of a damped peak
+            grid=SCANNED_HZ,
         ),
         Parameter(
             f"zeta_{axis}",

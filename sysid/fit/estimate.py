@@ -20,7 +20,7 @@ from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
 from sysid.fit.gauss_newton import SETTLED, minimise, normal_equations
-from sysid.fit.grow import grow
+from sysid.fit.grow import grow, looks
 from sysid.fit.identifiable import alike
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError, axis_weights, output_error
@@ -28,7 +28,7 @@ from sysid.fit.rows import project, rows, smooth
 from sysid.fit.start import POOR_SHARE, START_THINNING, start
 from sysid.fit.weights import inflation, spectral_weights
 from sysid.fit.whitening import weighed
-from sysid.model.acting import divided, jumping
+from sysid.model.acting import divided, jumping, linear_dynamics
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import AnyArray, FloatArray, Model, Structure
@@ -93,25 +93,22 @@ def estimate(
     if unknown:
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
     refuse_still_channels(structure, bins.spectra)
-    model = _least_squares(structure, bins.stacks, parent, fixed)
-    found = _weighed(model, bins, fixed, weights)
+    if parent is None:
+        parent = start(structure.bare, [group.thinned(START_THINNING) for group in bins.stacks])
+    parent = _hold(parent, fixed)
+    found = _weighed(_least_squares(structure, bins.stacks, parent, fixed), bins, fixed, weights, parent)
     refuse_vague_axes(found.model, found.covariance)
     return found
 
 
-def _least_squares(
-    structure: Structure, stacks: Sequence[Stack], parent: Model | None, fixed: Mapping[str, float]
-) -> Model:
-    """The optimum, from the parent or from the data alone."""
-    if parent is None:
-        parent = start(structure.bare, [group.thinned(START_THINNING) for group in stacks])
-    model = _hold(parent, fixed)
+def _least_squares(structure: Structure, stacks: Sequence[Stack], parent: Model, fixed: Mapping[str, float]) -> Model:
+    """The optimum, from the parent."""
     if parent.structure != structure:
-        return grow(model, structure, stacks, fixed)
-    return minimise(model, stacks, output_error(model, stacks).residual_power, tuple(fixed))[0]
+        return grow(parent, structure, stacks, fixed)
+    return minimise(parent, stacks, output_error(parent, stacks).residual_power, tuple(fixed))[0]
 
 
-def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights) -> Estimate:
+def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights, parent: Model) -> Estimate:
     """From the least-squares optimum to that of these weights, freed of the bias of feedback where the excitation was
     logged, with its covariance."""
     structure, stacks = model.structure, bins.stacks
@@ -128,6 +125,8 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
             kind = "constant"
         else:
             model, weights = reweighed
+    if kind == "residual spectrum":
+        model = _deeper(model, parent, stacks, weights, fixed)
     if caused is not None:
         try:
             unbiased = _unbias(model, stacks, weights, free_of(model, fixed), caused, bins.causes(structure.commands))
@@ -142,6 +141,19 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
         return found
     wider = inflation(stacks, len(structure.outputs), caused is not None)
     return replace(found, covariance=wider * found.covariance, weights=kind)
+
+
+def _deeper(
+    model: Model, parent: Model, stacks: Sequence[Stack], weights: Sequence[AnyArray], fixed: Mapping[str, float]
+) -> Model:
+    """The model, or one that leaves less by these weights in a valley of what the parent has not: all power is mostly
+    that of gusts, and does not show a mode beside them."""
+    structure = model.structure
+    if divided(structure)[0] or not linear_dynamics(structure) or not looks(structure, parent.by_name):
+        return model
+    other = grow(parent, structure, stacks, fixed, weights)
+    left = [normal_equations(structure, one.values, stacks, weights, False).cost for one in (model, other)]
+    return other if left[1] < left[0] else model
 
 
 def weights_at(model: Model, bins: Bins, kind: Weights) -> Sequence[AnyArray]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.gauss_newton import gauss_newton_step, minimise, normal_equations
@@ -31,8 +32,14 @@ LATE_S = (0.02, 0.06)
 """How late commands may act on a vehicle whose bare base comes out unstable."""
 
 
-def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Mapping[str, float]) -> Model:
-    """The best model of a composition that begins at its parent's fit.
+def grow(
+    parent: Model,
+    structure: Structure,
+    stacks: Sequence[Stack],
+    fixed: Mapping[str, float],
+    spectral: Sequence[ComplexArray] | None = None,
+) -> Model:
+    """The best model of a composition that begins at its parent's fit; by `spectral` weights, where there are such.
 
     Every new effect begins at its typical size and at each point of its grids; a few steps show which valley is
     deepest, and that one is followed to the bottom. What the parent knows already is taken from it; `fixed` parameters
@@ -42,7 +49,7 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Ma
     first, choices = _beginnings(structure, known)
     first |= fixed
     choices = {name: values for name, values in choices.items() if name not in fixed}
-    valleys = _Valleys.of(parent, structure, stacks, fixed)
+    valleys = _Valleys.of(parent, structure, stacks, fixed, spectral)
     begin = structure.vector({**known, **first})
     jumps = jumping(structure, begin, stacks[0]) if valleys.front else []
     rough = [name for name in jumps if name in choices and min(choices[name]) > 0]
@@ -50,7 +57,7 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Ma
     bare = not parent.structure.composed
     one_beginning = bare and closed_form(parent.structure) is None
     if not choices and not rough and not one_beginning:
-        return minimise(Model(structure, begin), stacks, valleys.power, tuple(fixed))[0]
+        return minimise(Model(structure, begin), stacks, valleys.power, tuple(fixed), spectral=spectral)[0]
     trials = [valleys.deepest(first, choices)]
     if one_beginning or (bare and not parent.stable):
         trials += [each.deepest(first, choices) for each in valleys.afresh()]
@@ -59,7 +66,7 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Ma
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
     for name in rough:
         found = search_nonsmooth(found, name, ranges[name], valleys.acted, valleys.tried)
-    return minimise(found, stacks, valleys.power, [*fixed, *rough])[0]
+    return minimise(found, stacks, valleys.power, [*fixed, *rough], spectral=spectral)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,9 +88,18 @@ class _Valleys:
     """Bins enough for a first look: a relaxation costs the same for few as for all."""
     without: Sequence[Stack]
     """The same with the commands as they act in the parent, where anything acts on samples."""
+    spectral: Sequence[ComplexArray] | None
+    """Weights of those few bins, where it is not what is left of all power that counts."""
 
     @classmethod
-    def of(cls, parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Mapping[str, float]) -> _Valleys:
+    def of(
+        cls,
+        parent: Model,
+        structure: Structure,
+        stacks: Sequence[Stack],
+        fixed: Mapping[str, float],
+        spectral: Sequence[ComplexArray] | None,
+    ) -> _Valleys:
         linear = linear_dynamics(structure)
         front, rest = divided(structure) if linear else ((), structure)
         return cls(
@@ -98,6 +114,12 @@ class _Valleys:
             without=[
                 behind(parent.structure, parent.values, group).thinned(START_THINNING) for group in stacks if front
             ],
+            spectral=None
+            if spectral is None
+            else [
+                weight[..., np.concatenate(group.kept_of(START_THINNING))] if linear else weight
+                for group, weight in zip(stacks, spectral, strict=True)
+            ],
         )
 
     def acted(self, begin: Mapping[str, float]) -> list[Stack]:
@@ -107,18 +129,23 @@ class _Valleys:
 
     def tried(self, begin: Mapping[str, float], groups: Sequence[Stack] | None = None) -> Trial:
         """What acts on samples stays as it begins, simulated once; the rest is fitted in a few steps."""
-        values, rest, fixed = {**self.known, **begin}, self.rest, tuple(self.fixed)
+        values, rest, fixed, weights = {**self.known, **begin}, self.rest, tuple(self.fixed), self.spectral
         if groups is None:
             groups = [group.thinned(START_THINNING) for group in self.acted(begin)] if self.front else self.few
         try:
             # first the new parameters alone, then all: the parent's stay where they were fitted until it pays
             model, left = minimise(
-                Model(rest, rest.vector(values)), groups, self.power, [*self.known, *fixed], TRIAL_STEPS
+                Model(rest, rest.vector(values)),
+                groups,
+                self.power,
+                [*self.known, *fixed],
+                TRIAL_STEPS,
+                spectral=weights,
             )
-            model, left = minimise(model, groups, left, fixed, TRIAL_STEPS)
+            model, left = minimise(model, groups, left, fixed, TRIAL_STEPS, spectral=weights)
         except (RelaxationError, np.linalg.LinAlgError):
             return np.inf, None
-        cost = float(np.sum(np.log(left)))
+        cost = float(np.sum(np.log(left) if weights is None else left))
         whole = Model(self.structure, self.structure.vector({**values, **rest.named(model.values)}))
         return (cost if np.isfinite(cost) and not self._idle(groups) else np.inf), whole
 
@@ -151,11 +178,12 @@ class _Valleys:
         try:
             values = self.structure.vector({**self.known, **begin})
             with np.errstate(all="ignore"):
-                here = normal_equations(self.structure, values, self.few, axis_weights(self.few, self.power), True)
+                weights = axis_weights(self.few, self.power) if self.spectral is None else self.spectral
+                here = normal_equations(self.structure, values, self.few, weights, True)
         except (RelaxationError, np.linalg.LinAlgError):
             return np.inf
         free = np.array([name not in self.fixed for name in self.structure.names])
-        cost = float(np.sum(np.log(here.power)) - here.gradient @ gauss_newton_step(here, free))
+        cost = float(here.cost - here.gradient @ gauss_newton_step(here, free))
         return cost if np.isfinite(cost) else np.inf
 
     def deepest(self, first: Mapping[str, float], choices: Mapping[str, tuple[float, ...]]) -> Trial:

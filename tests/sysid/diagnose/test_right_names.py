@@ -8,7 +8,7 @@ from strangers.flights import fly
 
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import diagnose, refits, verdict
+from sysid.diagnose import diagnose, refits, size_check, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import axes
 from sysid.fit.clocks import found_hold
@@ -21,6 +21,8 @@ SLOW_MOTORS = 8180
 """A quadrotor whose motors lag by 88 ms, in strong white gusts."""
 DELAY_AND_COUPLING = 7016
 """A helicopter with a delay and a turning collective, in a loop whose excitation is not logged."""
+JUDGED_BY_LITTLE = 4001733
+"""A helicopter that its speed turns, whose validation runs are too short to tell how long it keeps its speed."""
 LAGGING_BLADES = 8090
 """A helicopter of 90 kg whose blades lag at 4.3 Hz, far below slow gusts of four times the usual."""
 TWO_MODES = 7001
@@ -118,3 +120,18 @@ def test_a_tether_is_told_beside_what_is_like_it_in_free_flight() -> None:
     found = asked(TETHERED)
     assert (found.verdict, found.effect) == ("missing", "stabiliser_bar")
     assert found.indistinguishable == ("attitude_stiffness",)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("speed_stability",)], indirect=True)
+def test_sizes_that_other_runs_contradict_by_chance_alone_are_no_veto(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(JUDGED_BY_LITTLE)
+    assert (found.verdict, found.effect) == ("missing", "speed_stability")
+    assert not found.sizes_that_differ
+    # by their standard errors there nothing damps its speed
+    monkeypatch.setattr(size_check, "_as_well", lambda *_: False)
+    size_check.sizes.cache_clear()
+    found = asked(JUDGED_BY_LITTLE)
+    assert found.verdict == "unexplained"
+    assert found.sizes_that_differ[0].parameter.name == "X_u"

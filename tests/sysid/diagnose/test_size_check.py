@@ -88,6 +88,13 @@ def test_chance_is_taken_off(elsewhere: float, error: float, off: float) -> None
     assert (size.off > LARGEST_DIFFERENCE) is (off > LARGEST_DIFFERENCE)
 
 
+def test_what_follows_other_runs_as_well_as_it_was_fitted_is_not_off() -> None:
+    parameter = catalogue()["servo_lag"].parameters[0]
+    size = Size(parameter=parameter, fitted=1.0, error=0.0, elsewhere=0.5, elsewhere_error=0.01)
+    assert size.off > LARGEST_DIFFERENCE
+    assert replace(size, by_chance=True).off == 0
+
+
 def test_what_a_coupling_adds_elsewhere_is_held_against_all_of_it() -> None:
     minor = next(one for one in catalogue()["input_coupling"].parameters if one.name == "L_delta_c")
     alone = Size(parameter=minor, fitted=-5.1, error=0.8, elsewhere=1.0, elsewhere_error=0.8)

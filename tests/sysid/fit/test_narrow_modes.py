@@ -1,0 +1,37 @@
+"""A narrow mode that gusts drown in power is found from the base alone, without that a diagnosis says where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+from planted import fly_many
+from planted_fits import in_standard_errors, records
+
+from sysid.fit import estimate
+from sysid.fit.identify import identify
+from sysid.fit.result import Fit
+from sysid.model.compose import compose
+
+TWO_MODES = {
+    "frequency_roll": 7.0, "zeta_roll": 0.03, "kappa_roll": 0.05,
+    "frequency_pitch": 9.0, "zeta_pitch": 0.04, "kappa_pitch": 0.05,
+}  # fmt: skip
+LAG_MODE = {"frequency_lag": 10.4, "zeta_lag": 0.03, "gain": 0.02}
+"""Between the points where a search begins."""
+NEAR = 4.0
+"""Standard errors."""
+
+
+def fitted(effect: str, sizes: Mapping[str, float], seed: int) -> Fit:
+    flight = records(fly_many(effect, sizes, seeds=[seed], duration_s=16.0)[0])
+    return identify(compose("tpp"), flight, effects=(effect,))
+
+
+@pytest.mark.parametrize(("effect", "sizes", "seed"), [("structural_mode", TWO_MODES, 87), ("lead_lag", LAG_MODE, 81)])
+def test_a_mode_that_power_does_not_show_is_found_by_the_noise(
+    effect: str, sizes: Mapping[str, float], seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert max(map(abs, in_standard_errors(fitted(effect, sizes, seed), sizes).values())) < NEAR
+    monkeypatch.setattr(estimate, "_deeper", lambda model, *_: model)  # by all power it is somewhere else
+    assert max(map(abs, in_standard_errors(fitted(effect, sizes, seed), sizes).values())) > NEAR
