@@ -43,6 +43,10 @@ UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
 SHORT = 0.3  # standard errors of white noise: the next step is far shorter
 WORST_OF_ONE_AXIS = 4.0
+WORTH_A_LOOK = 1.0
+"""Standard deviations beyond chance that the excitation explains of what a fit leaves, to look into other valleys;"""
+DEEPER = 10.0
+"""chi squared, by which one of these must leave less."""
 LEFT_OPEN = 0.5
 """Of what the excitation explains of what least squares leaves, beyond noise,"""
 PLAINLY = 6.0
@@ -96,7 +100,8 @@ def estimate(
     if parent is None:
         parent = start(structure.bare, [group.thinned(START_THINNING) for group in bins.stacks])
     parent = _hold(parent, fixed)
-    found = _weighed(_least_squares(structure, bins.stacks, parent, fixed), bins, fixed, weights, parent)
+    found = _weighed(_least_squares(structure, bins.stacks, parent, fixed), bins, fixed, weights)
+    found = _deeper(found, parent, bins, fixed)
     refuse_vague_axes(found.model, found.covariance)
     return found
 
@@ -108,7 +113,7 @@ def _least_squares(structure: Structure, stacks: Sequence[Stack], parent: Model,
     return minimise(parent, stacks, output_error(parent, stacks).residual_power, tuple(fixed))[0]
 
 
-def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights, parent: Model) -> Estimate:
+def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights) -> Estimate:
     """From the least-squares optimum to that of these weights, freed of the bias of feedback where the excitation was
     logged, with its covariance."""
     structure, stacks = model.structure, bins.stacks
@@ -125,8 +130,6 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
             kind = "constant"
         else:
             model, weights = reweighed
-    if kind == "residual spectrum":
-        model = _deeper(model, parent, stacks, weights, fixed)
     if caused is not None:
         try:
             unbiased = _unbias(model, stacks, weights, free_of(model, fixed), caused, bins.causes(structure.commands))
@@ -143,17 +146,32 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
     return replace(found, covariance=wider * found.covariance, weights=kind)
 
 
-def _deeper(
-    model: Model, parent: Model, stacks: Sequence[Stack], weights: Sequence[AnyArray], fixed: Mapping[str, float]
-) -> Model:
-    """The model, or one that leaves less by these weights in a valley of what the parent has not: all power is mostly
-    that of gusts, and does not show a mode beside them."""
-    structure = model.structure
-    if divided(structure)[0] or not linear_dynamics(structure) or not looks(structure, parent.by_name):
-        return model
-    other = grow(parent, structure, stacks, fixed, weights)
-    left = [normal_equations(structure, one.values, stacks, weights, False).cost for one in (model, other)]
-    return other if left[1] < left[0] else model
+def _deeper(found: Estimate, parent: Model, bins: Bins, fixed: Mapping[str, float]) -> Estimate:
+    """The estimate, or one in another valley of what the parent has not, looked for by the noise's weights, that leaves
+    less: of what the excitation explains, where that was logged, else by these weights.
+
+    All power is mostly that of gusts, and does not show a narrow mode beside them.
+    """
+    structure, stacks, kind = found.model.structure, bins.stacks, found.weights
+    if kind == "constant" or divided(structure)[0] or not linear_dynamics(structure):
+        return found
+    if not looks(structure, parent.by_name):
+        return found
+    causes = None if bins.instruments(structure.commands) is None else bins.causes(structure.commands)
+    if causes is not None:
+        first = divide(found.error, stacks, causes)
+        if first.chi_squared < first.degrees + WORTH_A_LOOK * math.sqrt(2 * first.degrees):
+            return found
+    weights = weights_at(found.model, bins, kind)
+    other = _weighed(grow(parent, structure, stacks, fixed, weights), bins, fixed, kind)
+
+    def left(one: Estimate) -> float:
+        if causes is not None:
+            return divide(one.error, stacks, causes).chi_squared
+        rows = 2 * sum(group.Y.size for group in stacks)  # weights make the power of all of them about one
+        return rows * normal_equations(structure, one.model.values, stacks, weights, False).cost
+
+    return other if left(found) - left(other) > DEEPER else found
 
 
 def weights_at(model: Model, bins: Bins, kind: Weights) -> Sequence[AnyArray]:

@@ -33,5 +33,5 @@ def test_a_mode_that_power_does_not_show_is_found_by_the_noise(
     effect: str, sizes: Mapping[str, float], seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert max(map(abs, in_standard_errors(fitted(effect, sizes, seed), sizes).values())) < NEAR
-    monkeypatch.setattr(estimate, "_deeper", lambda model, *_: model)  # by all power it is somewhere else
+    monkeypatch.setattr(estimate, "_deeper", lambda found, *_: found)  # by all power it is somewhere else
     assert max(map(abs, in_standard_errors(fitted(effect, sizes, seed), sizes).values())) > NEAR
