@@ -16,7 +16,8 @@ from typing import Protocol
 
 
 def clip(x: float) -> float:
-    return -1.0 if x < -1.0 else min(x, 1.0)
+    # asked nine times a step, of which min() would take a tenth
+    return -1.0 if x < -1.0 else 1.0 if x > 1.0 else x
 
 
 class Delay:

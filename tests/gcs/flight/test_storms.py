@@ -31,7 +31,7 @@ FLOWN = (200, 268, 506, 37, *(4, 9, 14, 19, 24, 44, 49, 54))
 """The first three broke something once; the last eight are pushes."""
 
 
-@pytest.mark.parametrize("seed", [*FLOWN[:4], *thorough(FLOWN[4:])])
+@pytest.mark.parametrize("seed", [*FLOWN[:3], *thorough(FLOWN[3:])])
 def test_nothing_is_claimed_of_a_storm_that_is_not_so(seed: int, tmp_path: Path) -> None:
     outcome = play(random_storm(seed), tmp_path / "storm")
     assert not outcome.breaches, outcome.told()
