@@ -69,6 +69,7 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
     with rc_context(settings), warnings.catch_warnings():  # the same figure gives the same page
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # in a name, say; a box stands for it
         figure.savefig(stream, format="svg", metadata={"Date": None})
+        figure.set_layout_engine("none")  # it is laid out: to do it again takes as long as to draw it
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = BETWEEN.sub("><", IDS.sub("", METADATA.sub("", text)))
