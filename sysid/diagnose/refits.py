@@ -198,8 +198,9 @@ def _as_promised(
     kept, metric = KEPT if composed.linear else KEPT_ON_SAMPLES, parent.metric
     promised = kept * one.score.chi_squared
     explained = 0.0 if fit is None or _astray(fit, parent) else explained_by(fit, parent, metric)
-    # what acts on samples ends in the same valley again
-    again = _refit(composed, parent, one, begin)[0] if explained < promised and composed.linear else None
+    # what acts on samples ends in the same valley again; of several modes power may show one alone
+    short = explained < promised or one.score.tried > FEW_POINTS
+    again = _refit(composed, parent, one, begin)[0] if short and composed.linear else None
     if again is not None and explained_by(again, parent, metric) > explained:
         fit, explained = again, explained_by(again, parent, metric)
     if fit is None or explained >= promised or not parent.division.measured:

@@ -61,7 +61,7 @@ def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, mon
     assert found.winner is not None
     frequency_hz = flown.hidden.sizes[0]["frequency_roll"]
     assert found.winner.values["frequency_roll"] == pytest.approx(frequency_hz, rel=0.01)
-    monkeypatch.setattr(refits, "_where_scored", lambda *_: None)
+    monkeypatch.setattr(refits, "as_scored", lambda *_: None)
     assert asked(runs).verdict == "unexplained"
 
 
