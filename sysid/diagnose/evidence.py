@@ -24,6 +24,7 @@ from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
 from sysid.fit.output_error import OutputError
+from sysid.fit.rows import orthonormal
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
@@ -347,6 +348,15 @@ class Stepped:
         if not self._envelope:
             self._envelope.append(Envelope.of(self.residual, whitening.stacks))
         return self._envelope[0]
+
+    def envelope_beside(self, rows: FloatArray, whitening: Whitening) -> Envelope:
+        """The same of what these rows (c, N) do not explain, where noise comes in bursts: an effect that acts while the
+        chirp is at one frequency is none."""
+        envelope = self.envelope(whitening)
+        if not envelope.rough:
+            return envelope
+        basis = orthonormal(rows)
+        return Envelope.of(self.residual - (basis @ self.residual) @ basis, whitening.stacks)
 
 
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:

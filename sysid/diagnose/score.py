@@ -172,8 +172,6 @@ class _Question:
     """What the candidate predicts, for every stack (k, bins);"""
     Y_imposed: Sequence[ComplexArray]
     """and from the imposed commands."""
-    envelope: Envelope
-    """Of the noise over time."""
     _imposed: dict[tuple[float, ...], list[ComplexArray]] = field(default_factory=dict)
 
     @classmethod
@@ -196,7 +194,6 @@ class _Question:
             whitening=whitening,
             Y=Y,
             Y_imposed=Y_imposed,
-            envelope=stepped.envelope(whitening),
         )
 
     def at(self, point: Mapping[str, float], steps: Steps, tried: int, sized: bool = True) -> Score | None:
@@ -227,7 +224,7 @@ class _Question:
             at={**point, **{name: point[name] + move for name, move in moves.items()}},
             errors=errors,
             at_least=at_least,
-            surely=in_bursts(Z1, stepped.residual, self.envelope) if looked_at else math.inf,
+            surely=in_bursts(Z1, stepped.residual, self._envelope(Z1)) if looked_at else math.inf,
         )
 
     def _answers(
@@ -270,10 +267,13 @@ class _Question:
             return chi_squared, degrees, math.inf
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
-        if self.envelope.rough:
-            envelope = self.envelope
+        envelope = self._envelope(Z)
+        if envelope.rough:
             at_least = min(at_least, envelope.surely(*along(Z, residual, envelope.gram(Z)), Z))
         return chi_squared, degrees, at_least
+
+    def _envelope(self, Z: FloatArray) -> Envelope:
+        return self.stepped.envelope_beside(Z, self.whitening)
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]

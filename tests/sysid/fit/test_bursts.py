@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,11 +16,14 @@ from sysid.data.dataset import prepared
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
-from sysid.diagnose.score import Score, log_chance
+from sysid.diagnose.evidence import Stepped
+from sysid.diagnose.score import Score, along, in_bursts, log_chance
 from sysid.fit.bursts import Envelope, as_known, as_steady, as_steady_by
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
+from sysid.fit.whitening import Whitening
 from sysid.model.paper import TPP
+from sysid.model.structure import FloatArray
 
 COMMANDS = ("delta_x", "delta_y")
 BURSTS = 0.02
@@ -188,3 +193,29 @@ def test_a_burst_is_no_excuse_for_what_no_burst_makes() -> None:
     )
     assert log_chance(25.0, 1) == little.log_p < little.log_p_surely == log_chance(2.0, 1)
     assert much.log_p_surely == much.log_p
+
+
+def test_what_an_effect_does_at_one_moment_is_no_burst(flown: tuple[tuple[Stack, ...], Causes]) -> None:
+    stacks, _ = flown
+
+    def row(seed: int, calm: float) -> FloatArray:
+        return np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, seed, calm)])
+
+    effect, other = row(1, 0.0), row(2, 0.0)
+    white, nothing = np.random.default_rng(4).standard_normal(effect.size), np.empty((0, effect.size))
+    whitening = cast("Whitening", SimpleNamespace(stacks=stacks))
+
+    def told(asked: FloatArray, residual: FloatArray) -> tuple[float, float]:
+        """Chi squared with all that is left followed over time, and with what is left beside the rows."""
+        stepped = Stepped(residual=residual, imposed=residual, J=nothing, Z=nothing)
+        envelopes = stepped.envelope(whitening), stepped.envelope_beside(asked, whitening)
+        own, beside = (in_bursts(asked, residual, one) for one in envelopes)
+        return own, beside
+
+    # taken for a burst, the effect itself would explain next to nothing
+    own, beside = told(effect[None], white + 3 * effect)
+    assert own < 100 < 1000 < beside
+    # a burst that shook the commands, too, stays one
+    shaken, blowing = (0.3 * effect + other)[None], white + 30 * effect
+    own, beside = told(shaken, blowing)
+    assert beside < 2 * own < 100 < 1000 < along(shaken, blowing)[0]
