@@ -163,7 +163,10 @@ def _deeper(found: Estimate, parent: Model, bins: Bins, fixed: Mapping[str, floa
         if first.chi_squared < first.degrees + WORTH_A_LOOK * math.sqrt(2 * first.degrees):
             return found
     weights = weights_at(found.model, bins, kind)
-    other = _weighed(grow(parent, structure, stacks, fixed, weights), bins, fixed, kind)
+    try:
+        other = _weighed(grow(parent, structure, stacks, fixed, weights), bins, fixed, kind)
+    except (FitError, RelaxationError, np.linalg.LinAlgError):
+        return found  # which stands by itself
 
     def left(one: Estimate) -> float:
         if causes is not None:

@@ -8,6 +8,7 @@ import pytest
 from planted import fly_many
 from planted_fits import in_standard_errors, records
 
+from sysid.errors import FitError
 from sysid.fit import estimate
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
@@ -26,6 +27,15 @@ NEAR = 4.0
 def fitted(effect: str, sizes: Mapping[str, float], seed: int) -> Fit:
     flight = records(fly_many(effect, sizes, seeds=[seed], duration_s=16.0)[0])
     return identify(compose("tpp"), flight, effects=(effect,))
+
+
+def test_a_search_that_fails_leaves_the_fit_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise FitError("no start of lead_lag has a response that settles on these runs")
+
+    grown = estimate.grow
+    monkeypatch.setattr(estimate, "grow", lambda *asked: fails() if len(asked) == 5 else grown(*asked))
+    assert fitted("lead_lag", LAG_MODE, 81).at_bound
 
 
 @pytest.mark.parametrize(("effect", "sizes", "seed"), [("structural_mode", TWO_MODES, 87), ("lead_lag", LAG_MODE, 81)])
