@@ -24,7 +24,7 @@ from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
 from sysid.fit.output_error import OutputError
-from sysid.fit.rows import orthonormal
+from sysid.fit.rows import project
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
@@ -355,8 +355,7 @@ class Stepped:
         envelope = self.envelope(whitening)
         if not envelope.rough:
             return envelope
-        basis = orthonormal(rows)
-        return Envelope.of(self.residual - (basis @ self.residual) @ basis, whitening.stacks)
+        return Envelope.of(project(rows, self.residual[None])[0], whitening.stacks)
 
 
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:

@@ -212,8 +212,7 @@ class _Question:
         if not np.any(keep):
             return None
         Z1 = Z1[keep]
-        chi_squared, degrees, at_least = self._explained(Z1)
-        looked_at = sized and log_chance(chi_squared, degrees) <= WORTH_A_LOOK
+        chi_squared, degrees, at_least, surely = self._explained(Z1, sized)
         names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
         moves, errors = ({}, {}) if D is None else self._moves(names, D[keep], Z1, dict(steps))
         return Score(
@@ -224,7 +223,7 @@ class _Question:
             at={**point, **{name: point[name] + move for name, move in moves.items()}},
             errors=errors,
             at_least=at_least,
-            surely=in_bursts(Z1, stepped.residual, self._envelope(Z1)) if looked_at else math.inf,
+            surely=surely,
         )
 
     def _answers(
@@ -259,21 +258,19 @@ class _Question:
             self._imposed[key] = imposed_answers(self.composed, vector, self.of.dataset, flown)[0]
         return self._imposed[key]
 
-    def _explained(self, Z: FloatArray) -> tuple[float, int, float]:
-        """Chi squared of the residual along these rows, its degrees of freedom, and what of it is sure (`at_least`)."""
+    def _explained(self, Z: FloatArray, sized: bool) -> tuple[float, int, float, float]:
+        """Chi squared of the residual along these rows, its degrees of freedom, and what of it is sure (`at_least`, and
+        `surely` where that is asked for)."""
         residual = self.stepped.residual
         chi_squared, degrees = along(Z, residual)
         if log_chance(chi_squared, degrees) > WORTH_A_LOOK:
-            return chi_squared, degrees, math.inf
+            return chi_squared, degrees, math.inf, math.inf
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
-        envelope = self._envelope(Z)
+        envelope = self.stepped.envelope_beside(Z, self.whitening)
         if envelope.rough:
             at_least = min(at_least, envelope.surely(*along(Z, residual, envelope.gram(Z)), Z))
-        return chi_squared, degrees, at_least
-
-    def _envelope(self, Z: FloatArray) -> Envelope:
-        return self.stepped.envelope_beside(Z, self.whitening)
+        return chi_squared, degrees, at_least, in_bursts(Z, residual, envelope) if sized else math.inf
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]

@@ -158,10 +158,9 @@ def _deeper(found: Estimate, parent: Model, bins: Bins, fixed: Mapping[str, floa
     if not looks(structure, parent.by_name):
         return found
     causes = None if bins.instruments(structure.commands) is None else bins.causes(structure.commands)
-    if causes is not None:
-        first = divide(found.error, stacks, causes)
-        if first.chi_squared < first.degrees + WORTH_A_LOOK * math.sqrt(2 * first.degrees):
-            return found
+    first = None if causes is None else divide(found.error, stacks, causes)
+    if first is not None and first.chi_squared < first.degrees + WORTH_A_LOOK * math.sqrt(2 * first.degrees):
+        return found
     weights = weights_at(found.model, bins, kind)
     try:
         other = _weighed(grow(parent, structure, stacks, fixed, weights), bins, fixed, kind)
@@ -174,7 +173,8 @@ def _deeper(found: Estimate, parent: Model, bins: Bins, fixed: Mapping[str, floa
         rows = 2 * sum(group.Y.size for group in stacks)  # weights make the power of all of them about one
         return rows * normal_equations(structure, one.model.values, stacks, weights, False).cost
 
-    return other if left(found) - left(other) > DEEPER else found
+    here = left(found) if first is None else first.chi_squared
+    return other if here - left(other) > DEEPER else found
 
 
 def weights_at(model: Model, bins: Bins, kind: Weights) -> Sequence[AnyArray]:
