@@ -366,8 +366,11 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     imposed = whitening([Y[None] for Y in one.Y_imposed])[0]
     if len(J):
         move = white.move(one)
-        if np.sum((e - move @ J) ** 2) < WORST_SETTLING * (e @ e):  # a jump has no slope to follow
-            e, imposed = e - move @ J, imposed + move @ Z
+        there = e - move @ J
+        # a jump has no slope to follow; elsewhere gusts that feedback lets commands explain are no reason to stay
+        gusts = shown is not None and one.model.structure.linear and white.power(there) < white.left
+        if gusts or there @ there < WORST_SETTLING * (e @ e):
+            e, imposed = there, imposed + move @ Z
     on_samples = any(effect.samples is not None for effect in one.model.structure.composed)
     return Stepped(residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples)
 
