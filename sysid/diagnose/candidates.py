@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step
 from sysid.diagnose.initial_states import validation_error
-from sysid.diagnose.plausible import out_of_reach
+from sysid.diagnose.plausible import of_the_wrong_sign, out_of_reach
 from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.slow_modes import SlowMode
@@ -295,6 +296,8 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     now = _implausible(one.fit.asked, reference.whitening)
     if not now - before and out_of_reach(one.fit, outside - before):
         now |= outside
+    for effect in one.own:
+        now |= of_the_wrong_sign(effect, one.fit)
     return replace(
         one,
         stepped=own,
@@ -325,23 +328,38 @@ def _implausible(one: Candidate, whitening: Whitening) -> set[str]:
         error = one.standard_errors[name]
         if name in one.estimate.at_bound and name not in one.held:
             error = _error_at_bound(one, name, whitening)
+        if parameter.sizes:
+            error *= _surely(_effect_of(one, name)) / SURELY
         if parameter.implausible(one.model[name], error) and not _means_nothing(one, name):
             found.add(name)
     return found
 
 
+def _effect_of(one: Candidate, name: str) -> Effect | None:
+    """What has this parameter; None of the base's own."""
+    return next((each for each in one.model.structure.composed if name in each.names), None)
+
+
+def _surely(effect: Effect | None) -> float:
+    """Standard errors of a size that chance makes as seldom as SURELY of one that was looked for in one place: a mode
+    is looked for at every frequency, and noise has a little of either sign at some."""
+    places = 1 if effect is None else max(1, *(len(each.grid) for each in effect.parameters))
+    normal = NormalDist()
+    return -normal.inv_cdf(normal.cdf(-SURELY) / places)
+
+
 def _means_nothing(one: Candidate, name: str) -> bool:
     """Whether a parameter (a frequency, a time constant) acts only by sizes of its effect that may well be none."""
     structure, values = one.model.structure, one.model.values.copy()
-    effect = next((each for each in structure.composed if name in each.names), None)
+    effect = _effect_of(one, name)
     if effect is None or not effect.linear:
         return False
-    none = False
+    none, surely = False, _surely(effect)
     for parameter in effect.parameters:
         null, value = parameter.null, one.model[parameter.name]
         if null is None or not math.isfinite(null) or parameter.name == name:
             continue
-        if abs(value - null) <= SURELY * one.standard_errors[parameter.name]:
+        if abs(value - null) <= surely * one.standard_errors[parameter.name]:
             values[structure.names.index(parameter.name)], none = null, True
     if not none:
         return False

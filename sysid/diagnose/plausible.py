@@ -1,4 +1,5 @@
-"""Whether values together are what physics allows, where each may be so by its own standard error."""
+"""Whether values are what physics allows, where standard errors of each do not tell: together, by their sign, or by how
+much less likely the nearest that it allows make the runs."""
 
 from __future__ import annotations
 
@@ -8,6 +9,8 @@ import numpy as np
 
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.score import log_chance
+from sysid.model.effect import Effect
+from sysid.model.parameter import Parameter
 
 DETERMINED = 1e-10
 """Of a correlation's axes, the least."""
@@ -34,3 +37,19 @@ def out_of_reach(one: Candidate, names: Collection[str]) -> bool:
     wide = np.maximum(high, low + EXACT * error)  # one value alone may be plausible
     apart = 2 * lsq_linear(white, white @ values, (low, wide), "bvls").cost
     return log_chance(apart, len(places)) < log_chance(TOGETHER**2, 1)
+
+
+def of_the_wrong_sign(effect: Effect, one: Candidate) -> frozenset[str]:
+    """Its sizes, where physics allows one sign of them alone and each was found with the other: whatever their errors,
+    the nearest that it allows is no effect at all, which explains nothing."""
+    sizes = [each for each in effect.parameters if each.sizes and each.name in one.free]
+    found = sizes and all(each.null in each.plausible and each.plausible[0] < each.plausible[1] for each in sizes)
+    wrong = found and all(each.implausible(one.model[each.name]) and _beyond_none(each, one) for each in sizes)
+    return frozenset(each.name for each in sizes) if wrong else frozenset()
+
+
+def _beyond_none(size: Parameter, one: Candidate) -> bool:
+    """Whether it lies on the side of none on which physics allows nothing."""
+    low, high = size.plausible
+    value = one.model[size.name]
+    return value < low if size.null == low else value > high

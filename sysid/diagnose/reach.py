@@ -1,0 +1,78 @@
+"""What physics allows is within reach of a candidate where its nearest values make the runs hardly less likely.
+
+Standard errors tell that of numbers that the runs know well. Of a filter far above the band its lateness alone is
+known: corner and damping ratio may be anything together, the estimate lies where noise has it, and errors there are
+those of a slope. So what comes near to the best is fitted once more, with what lies outside held where it is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.diagnose.candidates import Ranked, Reference, ranked
+from sysid.diagnose.evidence import Candidate, candidate
+from sysid.diagnose.likely import SAME
+from sysid.errors import FitError
+from sysid.fit.estimate import estimate
+from sysid.model.parameter import SURELY
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import Model
+
+
+def in_reach(candidates: Sequence[Ranked], reference: Reference) -> list[Ranked]:
+    """The candidates; of those that may be the answer and have values outside what physics allows, each where that is
+    hardly less likely by values that it allows, or else, beside one that has none outside, with these as implausible."""
+    fits = [one for one in candidates if one.fit is not None]
+    most = max((one.chi_squared for one in fits), default=0.0)
+    near = [one for one in fits if one.chi_squared > most - SAME and one.delta_bic < 0]
+    likeliest = min(near, key=lambda one: one.delta_bic, default=None)
+    fair = any(not one.outside for one in near)
+    asked = [one for one in near if one.implausible or (fair and one is not likeliest)]
+    return [_judged(one, reference) if any(one is each for each in asked) else one for one in candidates]
+
+
+def _judged(one: Ranked, reference: Reference) -> Ranked:
+    assert one.fit is not None
+    nearest = _outside(one)
+    if not nearest or not one.fit.model.structure.linear:
+        return one
+    typical = {each.name: each.typical for effect in one.own for each in effect.parameters if each.name in nearest}
+    told = False
+    for values in (nearest, typical):  # what is allowed may have a valley of its own
+        held = _held(one.fit, values, reference.parent)
+        again = one if held is None else ranked(replace(one, fit=held), reference)
+        if again is one or again.fit is None:
+            continue
+        if not again.implausible and again.chi_squared > one.chi_squared - SURELY**2:
+            return replace(again, added=one.added) if one.implausible else one
+        told = True
+    return replace(one, implausible=tuple(dict.fromkeys((*one.implausible, *nearest)))) if told else one
+
+
+def _outside(one: Ranked) -> dict[str, float]:
+    """Parameters of its own that say of which kind it is and lie outside what physics allows -> the nearest that it
+    allows; none where a size does so: that is known by its standard error."""
+    assert one.fit is not None
+    model = one.fit.model
+    own = [each for effect in one.own for each in effect.parameters if each.name in one.outside]
+    found = [each for each in own if each.implausible(model[each.name])]
+    if any(each.sizes for each in found):
+        return {}
+    return {each.name: float(np.clip(model[each.name], *each.plausible)) for each in found}
+
+
+def _held(one: Candidate, values: dict[str, float], parent: Candidate) -> Candidate | None:
+    """Fitted with these held; None where the runs do not determine the rest."""
+    structure, held = one.model.structure, (*one.held, *values)
+    fixed = {name: parent.model[name] for name in one.held} | values
+    begin = Model(structure, structure.vector(one.model.by_name | values))
+    try:
+        found = estimate(structure, one.dataset.viewed(structure.inputs), begin, fixed, one.estimate.weights)
+        made = candidate(found, held, one.dataset, one.added)
+        _ = made.asked
+    except (FitError, RelaxationError, np.linalg.LinAlgError):
+        return None
+    return made
