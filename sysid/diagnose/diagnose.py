@@ -1,9 +1,9 @@
 """Which physical effect is missing: every testable entry of the catalogue asked, the serious refitted, one verdict.
 
 `complete`: what the model leaves is noise, as far as these runs can tell. `missing`: one effect, or a chain of two,
-explains at least EXPLAINED of what can be explained, on fitted and validation runs, at plausible values. `unexplained`:
-there is something to explain, and nothing known does it; an effect that does so at values that physics does not allow
-stands in for something else.
+explains at least `shares.least` of what can be explained, on fitted and validation runs, at plausible values.
+`unexplained`: there is something to explain, and nothing known does it; an effect that does so at values that physics
+does not allow stands in for something else.
 
 Ranking is by how much more likely an effect makes the data under the noise's own spectrum (`sysid.diagnose.evidence`),
 less a penalty for its parameters. The thresholds below were set on flights with known answers and are frozen (`make
@@ -36,10 +36,12 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step
+from sysid.diagnose.halves import halves_alone
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.likely import SAME
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
+from sysid.diagnose.reach import in_reach
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.shares import divided
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
@@ -115,14 +117,19 @@ class _Asked:
     def significant(self) -> bool:
         return self.chance < SIGNIFICANT
 
-    def finished(self, chained: ChainSearch) -> Diagnosis:
+    def finished(self, chained: ChainSearch, say: Listener = unheard) -> Diagnosis:
         """The answer with the chains that were found."""
         candidates, pairs, reference, answer = self.candidates, chained.pairs, self.reference, self.answer
         if pairs:
             answer = verdict_on(candidates, pairs, self.chance, reference)
+            if answer.winner is not None and len(answer.chain) == 2:
+                more = halves_alone(answer.winner, candidates, reference, say)
+                if more != candidates:
+                    candidates = sorted(more, key=rank)
+                    answer = verdict_on(candidates, pairs, self.chance, reference)
         likelier = _likelier(answer, reference)
         if likelier is not None:
-            candidates = sorted((compared(one, likelier) for one in candidates), key=rank)
+            candidates = sorted(in_reach([compared(one, likelier) for one in candidates], likelier), key=rank)
             pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
             answer = verdict_on(candidates, pairs, self.chance, likelier)
         return replace(answer, first=_first(self.answer) if pairs else None, unsearched=chained.unsearched)
@@ -136,7 +143,7 @@ def _asked(parent: Candidate, validation: Dataset | None, effects: Sequence[Effe
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say, elsewhere)
     reference = _reference(parent, candidates, effects, validation)
-    candidates = sorted(_held_against(reference, candidates, say), key=rank)
+    candidates = sorted(in_reach(_held_against(reference, candidates, say), reference), key=rank)
     say(Asking(stage=Stage.WEIGHING))
     answer = verdict_on(candidates, (), chance, reference)
     return _Asked(candidates=candidates, chance=chance, reference=reference, answer=answer)
@@ -148,7 +155,8 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
     answer = asked.answer
     say(_first(answer))
     answered = answer.verdict == "missing"
-    return asked.finished(chains_of_two(answer.candidates, asked.reference, say, limit=limit, answered=answered))
+    chained = chains_of_two(answer.candidates, asked.reference, say, limit=limit, answered=answered)
+    return asked.finished(chained, say)
 
 
 def _as_likely(other: _Asked, asked: _Asked) -> bool:
