@@ -36,7 +36,6 @@ from sysid.diagnose.loop_change import Limit, MarginChange
 from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder, winner_change
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
-from sysid.diagnose.shares import EXPLAINED
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
@@ -45,6 +44,8 @@ from sysid.fit.result import Fit, finite
 from sysid.model.effect import Effect, named_effect
 
 MOST_RUNGS = 6
+NEARLY = 0.8
+"""Of what the answer explains, that another explains to be its rival."""
 UNSURE = 0.5
 """Confidence below which a repeated question stops: what is asked beside a guess is answered about the guess."""
 
@@ -426,7 +427,7 @@ def rival(found: Diagnosis) -> Ranked | None:
     winner, second = found.winner, found.runner_up
     if winner is None or second is None or (found.verdict == "missing" and found.confidence >= SURE):
         return None
-    near = (second.explained_share or 0.0) >= EXPLAINED * (winner.explained_share or 0.0)
+    near = (second.explained_share or 0.0) >= NEARLY * (winner.explained_share or 0.0)
     return second if near else None
 
 

@@ -47,8 +47,8 @@ by the effects that could hide. Up to 0.3 points of fit that no effect explains 
 complete; what has a name does so only where that is a guess and hardly more than chance, or with --matters.
 
 Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
-removes at least 80 % of the avoidable error, on fitted and validation runs, at plausible values; "unexplained",
-there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
+removes at least 90 % of the avoidable error (80 % where no excitation is logged) and shows on validation runs, at
+plausible values; "unexplained", there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
 allow "stands in" for something else; one whose size is another on the validation runs only resembles what is there.
 The reason "feedback" says that no excitation is logged and that the loop alone could make what is left: no alarm. With
 --repeat the effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from sysid.diagnose.candidates import REMAINDER, Ranked
 from sysid.diagnose.evidence import gain
 from sysid.diagnose.likely import CHANCE, SAME, misfit
-from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.shares import least
 
 EVIDENCE = 6.0
 """By which an entry must lower BIC to be an answer: less is chance among so many entries."""
@@ -80,7 +80,8 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked], halves: Seq
 
 
 def _explains(one: Ranked) -> bool:
-    return (one.explained_share or 0.0) >= EXPLAINED
+    assert one.fit is not None
+    return (one.explained_share or 0.0) >= least(one.fit.division)
 
 
 def _explains_instead(one: Ranked, winner: Ranked, near: float) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sysid.diagnose.evidence import error_share
-from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.shares import least
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.clocks import early_commands
@@ -21,4 +21,4 @@ def clocks(found: Diagnosis) -> CommandsLate | CommandsThinned | None:
     left = error_share(early.error)
     explained = (parent.error_share - left) / max(parent.error_share - found.noise_share, 1e-300)
     better = winner is None or winner.fit is None or found.verdict != "missing" or left < winner.fit.error_share
-    return early.what if explained >= EXPLAINED and better else None
+    return early.what if explained >= least(parent.division) and better else None

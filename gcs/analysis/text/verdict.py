@@ -14,7 +14,7 @@ from gcs.analysis.text.matters import remainder_sentence, slight_sentence
 from gcs.analysis.text.progress import before_pairs_words
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.shares import least
 from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
@@ -148,7 +148,7 @@ def answer(last: Diagnosis) -> str:
         return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
     if last.outdone:
         return f"unexplained: {names} is nearest, and more likely only resembles what is there"
-    if (winner.explained_share or 0.0) >= EXPLAINED:
+    if (winner.explained_share or 0.0) >= least(last.division):
         return f"unexplained: {names} explains the fitted runs, but not the validation runs"
     return f"unexplained: {names} does most, and that is too little"
 
