@@ -29,6 +29,8 @@ from sysid.model.relaxation import RelaxationError
 N = 40
 CHI_SQUARED = 1e4
 """Of the winner."""
+LOGGED = cast(Candidate, SimpleNamespace(division=SimpleNamespace(measured=True)))
+"""A fit to runs whose excitation is logged."""
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +49,7 @@ def refitted(name: str, behind: float = 0.0, direction: int = 0, **also: object)
     imposed[direction] = residual[direction + N // 2] = math.sqrt(abs(behind))
     residual[direction] = -imposed[direction]
     residual[:] = imposed  # what it predicts too little is left
-    values = {"chi_squared": CHI_SQUARED - behind, "added": 1, "fit": cast(Candidate, object()), **also}
+    values = {"chi_squared": CHI_SQUARED - behind, "added": 1, "fit": LOGGED, **also}
     return Ranked(
         effects=(name,),
         score=None,

@@ -8,8 +8,9 @@ from strangers.flights import fly
 
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import diagnose, refits, size_check, verdict
+from sysid.diagnose import candidates, diagnose, halves, reach, refits, size_check, verdict
 from sysid.diagnose.verdict import Diagnosis
+from sysid.errors import FitError
 from sysid.fit import axes
 from sysid.fit.clocks import found_hold
 from sysid.fit.estimate import estimate
@@ -29,6 +30,16 @@ TWO_MODES = 7001
 """A small helicopter with modes at 11.9 Hz in roll and 6.4 Hz in pitch."""
 TETHERED = 3007
 """A helicopter that its angles push back, as on a tether."""
+FAST_SERVOS = 4001905
+"""A small helicopter whose servos are 1.3 ms late, by two poles at 211 Hz; every tenth sample is logged."""
+SMALL_LAG = 4002042
+"""A helicopter whose servos lag by 2.4 ms."""
+SLOW_GUSTS_ON_MOTORS = 4001569
+"""A quadrotor whose motors lag by 25 ms, in slow gusts that a weak loop answers."""
+LIMITED_SERVOS = 4001888
+"""A small helicopter in a strong loop whose servos move no faster than 8 1/s."""
+ONE_MODE = 4000199
+"""A small helicopter with a mode in pitch, at 8.3 Hz."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -74,8 +85,7 @@ def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) 
     found = asked(SLOW_MOTORS)
     assert (found.verdict, found.effect) == ("missing", "motor_lag")
     monkeypatch.setattr(axes, "EFFECTIVE_HZ", (1.0,))
-    (motors,) = [one for one in asked(SLOW_MOTORS).candidates if one.effect == "motor_lag"]
-    assert motors.fit is None
+    assert asked(SLOW_MOTORS).chain == ("motor_lag", "transport_delay")
 
 
 @pytest.mark.thorough
@@ -136,3 +146,60 @@ def test_sizes_that_other_runs_contradict_by_chance_alone_are_no_veto(monkeypatc
     found = asked(JUDGED_BY_LITTLE)
     assert found.verdict == "unexplained"
     assert found.sizes_that_differ[0].parameter.name == "X_u"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "transport_delay", "servo_second_order")], indirect=True)
+def test_a_damping_ratio_that_noise_has_chosen_leaves_a_filter_in_the_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(FAST_SERVOS)
+    assert found.verdict == "missing"
+    assert "servo_second_order" in {found.effect, *found.not_told}
+    other = next(one for one in found.candidates if one.effects == ("servo_second_order",))
+    assert not other.implausible
+    assert other.added == 2, "what is held was not known before"
+    monkeypatch.setattr(reach, "_held", lambda *_: None)
+    again = asked(FAST_SERVOS)
+    assert "servo_second_order" not in {again.effect, *again.not_told}
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "transport_delay", "dynamic_inflow")], indirect=True)
+def test_inflow_that_would_push_is_no_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(SMALL_LAG)
+    assert {found.effect, *found.indistinguishable} == {"servo_lag", "transport_delay"}
+    inflow = next(one for one in found.candidates if one.effects == ("dynamic_inflow",))
+    assert inflow.values["k_l"] < 0
+    assert "k_l" in inflow.implausible
+    monkeypatch.setattr(candidates, "of_the_wrong_sign", lambda *_: frozenset())
+    assert "dynamic_inflow" in asked(SMALL_LAG).indistinguishable
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("motor_lag", "lag_per_axis")], indirect=True)
+def test_gusts_that_commands_explain_do_not_keep_a_lag_where_least_squares_left_it() -> None:
+    found = asked(SLOW_GUSTS_ON_MOTORS)
+    assert (found.verdict, found.effect) == ("missing", "motor_lag")
+    assert found.winner is not None
+    assert found.winner.values["tau_m"] == pytest.approx(0.02473, rel=0.02)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_rate_limit", "lag_per_axis", "structural_mode")], indirect=True)
+def test_a_limit_that_only_a_chain_finds_is_named_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(LIMITED_SERVOS)
+    assert (found.verdict, found.chain) == ("missing", ("servo_rate_limit",))
+    assert found.winner is not None
+    assert found.winner.values["rate"] == pytest.approx(7.97, rel=0.05)
+    monkeypatch.setattr(halves, "refit", lambda *_: (_ for _ in ()).throw(FitError("none")))
+    assert len(asked(LIMITED_SERVOS).chain) == 2
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "hub_gyroscopics")], indirect=True)
+def test_a_little_of_the_other_sign_at_some_frequency_is_no_other_mode() -> None:
+    found = asked(ONE_MODE)
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    assert found.winner is not None
+    assert -3 < found.winner.values["kappa_roll"] / found.winner.standard_errors["kappa_roll"] < -2

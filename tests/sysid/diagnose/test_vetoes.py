@@ -20,7 +20,7 @@ from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.shares import Shares
+from sysid.diagnose.shares import EXPLAINED_IN_A_LOOP, Shares
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.parameter import Parameter
@@ -136,6 +136,7 @@ def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPa
     assert logged.verdict == "complete"
     # were more left than its past foretells, by a trace of what is new, or by much of it
     left = Shares(
+        least=EXPLAINED_IN_A_LOOP,
         error_share=0.1,
         noise_share=0.01,
         noise_floor_percent={},
