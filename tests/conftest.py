@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
+from made_once import share_what_is_made
 
+share_what_is_made()
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell starts the suite in the background
 os.environ["TIPPATH_CACHE"] = "off"  # tests read logs anew, and write nothing beside those they do not own
 gc.disable()  # what collecting makes stays: a third of its time went into looking for garbage

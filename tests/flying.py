@@ -6,6 +6,8 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from made_once import made_once
+
 from sitl.autopilot.modes import Mode, Reason
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.hidden import plant_one
@@ -67,7 +69,11 @@ def log_of(vehicle: Vehicle, folder: Path) -> Path:
 
 @cache
 def flown(plant: str, card: Card, hidden: tuple[str, int] | None = None, seed: int = 5) -> bytes:
-    """The log of a card; a flight that several tests ask for is flown once in a process."""
+    """The log of a card; a flight that several tests ask for is flown once."""
+    return made_once(_flown, plant, card, hidden, seed)
+
+
+def _flown(plant: str, card: Card, hidden: tuple[str, int] | None, seed: int) -> bytes:
     with TemporaryDirectory() as folder:
         secret = None if hidden is None else plant_one(*hidden)
         vehicle = make_vehicle(plant, seed=seed, directory=Path(folder), hidden=secret)

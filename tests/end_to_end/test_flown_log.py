@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flying import CHIRP, DOUBLET, fly_maneuver, log_of
+from more_of_a_kind import thorough
 
 from gcs.analysis.fits import Identification, identify_flight, split_runs
 from gcs.analysis.text.checks import check_text
@@ -25,7 +26,7 @@ CHIRPS = [(10, 0.10, 30.0), (10, 0.10, 30.0), (11, 0.15, 30.0), (11, 0.15, 30.0)
 DOUBLETS = [(10, 0.10, 8.0), (11, 0.15, 8.0)]
 
 
-@pytest.fixture(scope="module", params=["hover-ideal", "hover"])
+@pytest.fixture(scope="module", params=[*thorough(["hover-ideal"]), "hover"])
 def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     folder = tmp_path_factory.mktemp(request.param)
     vehicle = make_vehicle(request.param, seed=11, directory=folder)

@@ -57,7 +57,7 @@ FLOWN = (
     Flown("A10", "a block of an absurd number", 'forge = "block=60000@sweep+1"', "keep", "finished"),
     Flown("held", "loss 2 %", "loss = 0.02", "keep", thorough=True),
     Flown("held", "loss 10 %", "loss = 0.1", "keep", thorough=True),
-    Flown("held", "loss 30 %", "loss = 0.3", "keep"),
+    Flown("held", "loss 30 %", "loss = 0.3", "keep", thorough=True),
     Flown("held", "loss 60 %", "loss = 0.6", "not ready|answers nothing", "", False, True),
     Flown("held", "outage 1 s", 'outage = "both@sweep+1:2"', "keep", thorough=True),
     Flown("held", "outage 5 s", 'outage = "both@sweep+1:6"', "link lost", "link lost"),

@@ -8,7 +8,7 @@ import pytest
 from log_streams import FAULTS, ours
 
 BLOCKS = 2000
-LATER = {"loss 2 %", "outage 1 s"}
+LATER = {"loss 2 %", "loss 10 %", "outage 1 s"}
 """One more of a kind."""
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from made_once import made_once
 
 from sitl.autopilot.control_laws import AttitudeController
 from sitl.autopilot.excitation import Excitation, ExcitationSettings
@@ -13,6 +14,9 @@ from sitl.plants import Plant, make_plant
 from sitl.plants.actuators import clip
 from sitl.plants.sensors import Gyro
 from sysid.data.record import Record
+from sysid.fit.identify import identify
+from sysid.fit.result import Fit
+from sysid.model.paper import CD, TPP
 
 DT = 0.002
 
@@ -61,7 +65,7 @@ def chirps_of(plant: Plant, seed: int, duration_s: float = 30.0, count: int = le
     ]
 
 
-def card(name: str, seed: int) -> tuple[list[Record], list[Record]]:
+def _card(name: str, seed: int) -> tuple[list[Record], list[Record]]:
     """Two roll and two pitch chirps with Table 1's settings, and a doublet on each axis."""
     plant = make_plant(name, seed)
     chirps = chirps_of(plant, seed)
@@ -75,6 +79,10 @@ def card(name: str, seed: int) -> tuple[list[Record], list[Record]]:
         for i, (axis, size) in enumerate([("roll", 0.10), ("pitch", 0.15)])
     ]
     return chirps, doublets
+
+
+def card(name: str, seed: int) -> tuple[list[Record], list[Record]]:
+    return made_once(_card, name, seed)
 
 
 @pytest.fixture(scope="session")
@@ -91,3 +99,15 @@ def ideal_card() -> tuple[list[Record], list[Record]]:
 @pytest.fixture(scope="session")
 def hover_card() -> tuple[list[Record], list[Record]]:
     return card("hover", 3)
+
+
+@pytest.fixture(scope="session")
+def ideal_tpp(ideal_card: tuple[list[Record], list[Record]]) -> Fit:
+    """Of the chirps, judged by the doublets."""
+    return identify(TPP, *ideal_card)
+
+
+@pytest.fixture(scope="session")
+def ideal_cd(ideal_card: tuple[list[Record], list[Record]]) -> Fit:
+    """Of the chirps alone."""
+    return identify(CD, ideal_card[0])

@@ -34,7 +34,6 @@ from sysid.rate_loop.linear import controller
 SWEEP = {
     "SID_MAGNITUDE": 0.05,
     "SID_F_STOP_HZ": 10.0,
-    "SID_T_REC": 20.0,
     "SID_T_FADE_IN": 1.0,
     "SID_T_FADE_OUT": 0.5,
     "LOG_BITMASK": 180223.0,
@@ -48,17 +47,18 @@ def flown(
     *,
     axes: tuple[int, ...] = (10, 11),
     between: Mapping[str, float] | None = None,
+    sweep_s: float = 20.0,
     **settings: float,
 ) -> Path:
     """The log of a sweep of each axis; `between` is written before the second."""
     folder.mkdir()
-    vehicle = make_vehicle(plant, 5, directory=folder, parameters=SWEEP | settings, like=like)
+    vehicle = make_vehicle(plant, 5, directory=folder, parameters=SWEEP | {"SID_T_REC": sweep_s} | settings, like=like)
     for number, axis in enumerate(axes):
         for name, value in (between or {}).items() if number else ():
             vehicle.write_parameter(name, value)
         vehicle.write_parameter("SID_AXIS", axis)
         assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-        for _ in range(round(27 / vehicle.dt)):
+        for _ in range(round((sweep_s + 7) / vehicle.dt)):
             vehicle.step()
         assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
         for _ in range(round(2 / vehicle.dt)):
@@ -282,7 +282,7 @@ def test_a_real_autopilot_s_flight_is_as_predicted(shared_data: Path, tmp_path: 
 
 
 def test_runs_of_other_gains_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", between={"ATC_RAT_PIT_P": 0.11})
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", between={"ATC_RAT_PIT_P": 0.11}, sweep_s=8.0)
     fit = tmp_path / "fit.json"
     assert main(["fit", str(log), "--model", "multirotor", "-o", str(fit)]) == 0
     capsys.readouterr()
@@ -291,7 +291,7 @@ def test_runs_of_other_gains_are_refused(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_what_acts_and_is_not_modelled_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", ATC_RAT_RLL_SMAX=20.0)
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", sweep_s=8.0, ATC_RAT_RLL_SMAX=20.0)
     fit = tmp_path / "fit.json"
     assert main(["fit", str(log), "--model", "multirotor", "-o", str(fit)]) == 0
     capsys.readouterr()
@@ -302,8 +302,10 @@ def test_what_acts_and_is_not_modelled_refuses(tmp_path: Path, capsys: pytest.Ca
     assert not (tmp_path / "no.param").exists()
 
 
-def test_one_axis_alone_is_refused_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = flown(tmp_path / "flight", "ardupilot-quad", "quad")
+def test_one_axis_alone_is_refused_in_a_line(
+    quad_fit: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (log,) = quad_fit.parent.rglob("*.BIN")
     fit = tmp_path / "fit.json"
     assert main(["fit", f"{log}#1", "--model", "roll", "-o", str(fit)]) == 0
     capsys.readouterr()
@@ -359,7 +361,7 @@ def test_a_setting_changed_between_runs_is_known_and_battery_and_rotor_from_the_
 ) -> None:
     from gcs.analysis.identified import identified
 
-    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", between={"MOT_THST_EXPO": 0.5})
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", between={"MOT_THST_EXPO": 0.5}, sweep_s=5.0)
     put = log.rename(log.parent / "flight.BIN")
     about = {"format": "tippath.flight/1", "vehicle": {"battery_v": 23.5, "rotor_rpm": None}}
     (log.parent / "flight.json").write_text(json.dumps(about))

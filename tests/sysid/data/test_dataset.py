@@ -18,6 +18,7 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
 from sysid.data.record import Record
 from sysid.errors import FitError
 from sysid.fit.identify import identify, judge
+from sysid.fit.result import Fit
 from sysid.model.paper import TPP
 
 Card = tuple[list[Record], list[Record]]
@@ -56,10 +57,10 @@ def test_two_models_their_judgement_and_a_comparison_prepare_every_run_once(
     assert calls == {"pieces": runs, "transformed": 4 * runs}
 
 
-def test_records_and_what_was_prepared_of_them_give_the_same(ideal_card: Card) -> None:
+def test_records_and_what_was_prepared_of_them_give_the_same(ideal_card: Card, ideal_tpp: Fit) -> None:
     chirps, doublets = ideal_card
     runs = prepared(chirps, DEFAULT_BAND_HZ)
-    first, second = identify(TPP, chirps, doublets), identify(TPP, runs, prepared(doublets, DEFAULT_BAND_HZ))
+    first, second = ideal_tpp, identify(TPP, runs, prepared(doublets, DEFAULT_BAND_HZ))
     assert np.array_equal(first.model.values, second.model.values)
     assert np.array_equal(first.covariance, second.covariance)
     assert judge(first.model, chirps) == judge(first.model, runs) == second.nrmse_percent

@@ -21,6 +21,7 @@ from sysid.fit.checks import eigenfrequency_checks
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, judge
 from sysid.fit.output_error import output_error
+from sysid.fit.result import Fit
 from sysid.model.paper import CD, TPP
 from sysid.model.structure import Model, discretise
 
@@ -39,14 +40,13 @@ def altered(one: Record, **changed: np.ndarray) -> Record:
     )
 
 
-def test_hover_ideal_gives_table_2_back(ideal_card: Card) -> None:
-    chirps, doublets = ideal_card
-    fit = identify(TPP, chirps, doublets)
+def test_hover_ideal_gives_table_2_back(ideal_tpp: Fit, ideal_cd: Fit) -> None:
+    fit = ideal_tpp
     assert min(fit.nrmse_percent.values()) > 90
     for mode, (frequency, damping) in zip(fit.model.modes, ((1.64, 0.39), (5.04, 0.22)), strict=True):
         assert mode.frequency_hz == pytest.approx(frequency, rel=0.02)
         assert mode.damping_ratio == pytest.approx(damping, rel=0.10)
-    assert 40 < identify(CD, chirps).nrmse_percent["q"] < 55
+    assert 40 < ideal_cd.nrmse_percent["q"] < 55
     # each parameter near the truth that flew; gusts in the loop bias a fit a little
     assert np.all(np.abs(fit.model.values - TRUTH) < 4 * fit.standard_errors)
 
@@ -180,18 +180,17 @@ def test_too_short_and_mixed_runs_are_refused(ideal_card: Card) -> None:
         identify(TPP, [chirps[0], other])
 
 
-def test_the_wrong_sign_of_a_command_is_said(ideal_card: Card) -> None:
+def test_the_wrong_sign_of_a_command_is_said(ideal_card: Card, ideal_tpp: Fit) -> None:
     chirps, _ = ideal_card
     turned = [altered(one, delta_y=-one.channels["delta_y"]) for one in chirps]
     fit = identify(TPP, turned)
     assert any("opposite sign" in text and "delta_y" in text for text in fit.warnings)
-    assert not any("opposite sign" in text for text in identify(TPP, chirps).warnings)
+    assert not any("opposite sign" in text for text in ideal_tpp.warnings)
 
 
-def test_eigenfrequency_check(ideal_card: Card) -> None:
+def test_eigenfrequency_check(ideal_card: Card, ideal_tpp: Fit) -> None:
     chirps, _ = ideal_card
-    fit = identify(TPP, chirps)
-    inside, rotor, agreement = eigenfrequency_checks(fit.model, chirps)
+    inside, rotor, agreement = eigenfrequency_checks(ideal_tpp.model, chirps)
     assert inside.passed
     assert rotor.passed
     assert "27.5 Hz" in check_text(rotor)

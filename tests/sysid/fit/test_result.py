@@ -35,27 +35,24 @@ def test_a_saved_fit_is_the_same_fit(ideal_card: Card, tmp_path: Path) -> None:
     assert again.to_json(tmp_path) == document
 
 
-def test_saved_matrices_carry_the_delay_of_the_commands(ideal_card: Card, tmp_path: Path) -> None:
+def test_saved_matrices_carry_the_delay_of_the_commands(ideal_tpp: Fit, tmp_path: Path) -> None:
     """Whoever takes them elsewhere has the vehicle whole; a lag of the servos is in A already, and r has no delay."""
     structure = compose("tpp", ["servo_lag", "transport_delay", "yaw_coupling"], ["r"])
-    fit = identify(TPP, ideal_card[0])
     values = {one.name: one.typical for one in structure.parameters} | {"T_d": 0.045}
     count = len(structure.names)
-    late = replace(fit, model=Model(structure, structure.vector(values)), covariance=np.eye(count))
+    late = replace(ideal_tpp, model=Model(structure, structure.vector(values)), covariance=np.eye(count))
     document = late.to_json(tmp_path)
     assert document["structure"]["channels"] == ["delta_x", "delta_y", "r"]
     assert document["matrices"]["input_delay_s"] == pytest.approx([0.045, 0.045, 0.0])
     assert document["outside_matrices"] == ["transport_delay"]
-    assert fit.to_json(tmp_path)["matrices"]["input_delay_s"] == [0.0, 0.0]
+    assert ideal_tpp.to_json(tmp_path)["matrices"]["input_delay_s"] == [0.0, 0.0]
 
 
-def test_what_an_effect_gained_later_stands_where_it_was_taken_for_granted(ideal_card: Card, tmp_path: Path) -> None:
+def test_what_an_effect_gained_later_stands_where_it_was_taken_for_granted(ideal_tpp: Fit, tmp_path: Path) -> None:
     structure = compose("tpp", ["quadratic_damping"])
     values = structure.vector({one.name: one.typical for one in structure.parameters})
     count = len(structure.names)
-    fit = replace(
-        identify(TPP, ideal_card[0]), model=Model(structure, values), covariance=np.diag(np.arange(1.0, count + 1))
-    )
+    fit = replace(ideal_tpp, model=Model(structure, values), covariance=np.diag(np.arange(1.0, count + 1)))
     document = fit.to_json(tmp_path)
     del document["parameters"]["exponent"]
     with pytest.raises(ResultError, match="shape"):
@@ -111,8 +108,8 @@ def test_paths_are_relative_to_the_file(ideal_card: Card, tmp_path: Path) -> Non
         ),
     ],
 )
-def test_a_damaged_file_is_said(change: dict[str, object], says: str, ideal_card: Card, tmp_path: Path) -> None:
-    document = identify(CD, ideal_card[0]).to_json(tmp_path) | change
+def test_a_damaged_file_is_said(change: dict[str, object], says: str, ideal_cd: Fit, tmp_path: Path) -> None:
+    document = ideal_cd.to_json(tmp_path) | change
     target = tmp_path / "cd.json"
     target.write_text(json.dumps(document))
     with pytest.raises(ResultError, match=says) as error:
