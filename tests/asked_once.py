@@ -12,6 +12,7 @@ import hashlib
 import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,10 @@ import gcs.analysis.diagnosis
 import gcs.analysis.pages.diagnosis
 import gcs.analysis.pages.report
 import gcs.desk.calculations
+import gcs.logs.reading
 import sysid.compare.compare
+from gcs.logs.cache import Content, digest_of
+from gcs.logs.reading import Reading
 from sysid.data.dataset import Dataset
 from sysid.data.record import Record
 from sysid.fit.result import Fit
@@ -110,4 +114,24 @@ def answers_kept(functions: Sequence[str] = tuple(ASKING)) -> Iterator[None]:
             kept = Once(getattr(ASKING[name][0], name))
             for module in ASKING[name]:
                 patch.setattr(module, name, with_suggestion(kept) if name == "diagnose_fit" else kept)
+        yield
+
+
+@contextlib.contextmanager
+def logs_kept() -> Iterator[None]:
+    """While this lasts, the same bytes at the same place are read once for every way of reading them."""
+    contents: dict[Any, Content] = {}
+    parse = gcs.logs.reading._parse
+
+    def parsed(path: Path, how: Reading) -> Content:
+        if not path.is_file():
+            return parse(path, how)
+        beside = tuple((other, digest_of(other)) for other in how.beside.get(path, ()) if other.is_file())
+        key = path, digest_of(path), beside, repr(replace(how, beside={}))
+        if key not in contents:
+            contents[key] = parse(path, how)
+        return contents[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gcs.logs.reading, "_parse", parsed)
         yield

@@ -119,6 +119,15 @@ def answers_kept() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def logs_kept() -> Iterator[None]:
+    """In this module a log is read once; see `asked_once`."""
+    from asked_once import logs_kept
+
+    with logs_kept():
+        yield
+
+
 @pytest.fixture
 def tippath(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """The command line in this process: words -> exit status, standard output and error; never a traceback."""

@@ -51,7 +51,7 @@ def injure(
 
 LONGEST_S, MOST_BYTES = 10.0, 300e6
 """What one file may take of a reader, whatever is in it."""
-COUNTS = [60, pytest.param(2000, marks=pytest.mark.thorough)]
+COUNTS = [40, pytest.param(2000, marks=pytest.mark.thorough)]
 """Mutated files of a kind: in the suite, and in `make study`."""
 
 

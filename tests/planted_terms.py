@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import planted
 import pytest
+from made_once import made_once
 from planted import DT, REST_S, TABLE_4, TRIM, Array, equations
 from planted_fits import records
 
@@ -84,6 +85,10 @@ def _with_moments(*words: object) -> planted._Equations:
 @cache
 def flights() -> Mapping[str, list[Record]]:
     """Two roll and two pitch chirps for each of TERMS; all in the same air."""
+    return made_once(_flights)
+
+
+def _flights() -> dict[str, list[Record]]:
     found = {}
     for terms, name, instead in (
         (IN_COMMANDS, "_Actuators", _Controls),

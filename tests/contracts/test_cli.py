@@ -21,6 +21,7 @@ from sitl.autopilot.excitation import Excitation, ExcitationSettings
 from sitl.plants import make_plant
 from sitl.plants.actuators import clip
 
+pytestmark = pytest.mark.usefixtures("logs_kept")
 Tippath = Callable[..., tuple[int, str, str]]
 
 

@@ -15,6 +15,7 @@ from flying import TWO_CHIRPS
 
 from gcs.cli import main, parser
 
+pytestmark = pytest.mark.usefixtures("logs_kept")
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 FENCED = re.compile(r"^```[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)

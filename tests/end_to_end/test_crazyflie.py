@@ -21,7 +21,7 @@ from sysid.model.effect import catalogue
 Tippath = Callable[..., tuple[int, str, str]]
 LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag", "gyro_filter"}
 
-pytestmark = pytest.mark.data
+pytestmark = [pytest.mark.data, pytest.mark.usefixtures("logs_kept")]
 
 
 def late_s(candidate: dict[str, Any]) -> float:

@@ -22,6 +22,7 @@ from sitl.autopilot.vehicle import make_vehicle
 from sysid.control.regulator import design
 from sysid.data.band import BandFrom
 
+pytestmark = pytest.mark.usefixtures("logs_kept")
 CHIRPS = [(10, 0.10, 30.0), (10, 0.10, 30.0), (11, 0.15, 30.0), (11, 0.15, 30.0)]
 DOUBLETS = [(10, 0.10, 8.0), (11, 0.15, 8.0)]
 

@@ -54,7 +54,7 @@ FLOWN = (
     Flown("A8", "a link of one way", 'outage = "up"', "answer", "", False),
     Flown("A10", "a round trip of 1.2 s", "lag = 0.6", "lag|late", "", False),
     Flown("A10", "a forged block", 'forge = "block=40@sweep+1"', "two versions", "finished", False),
-    Flown("A10", "a block of an absurd number", 'forge = "block=60000@sweep+1"', "keep", "finished"),
+    Flown("A10", "a block of an absurd number", 'forge = "block=60000@sweep+1"', "keep", "finished", thorough=True),
     Flown("held", "loss 2 %", "loss = 0.02", "keep", thorough=True),
     Flown("held", "loss 10 %", "loss = 0.1", "keep", thorough=True),
     Flown("held", "loss 30 %", "loss = 0.3", "keep", thorough=True),

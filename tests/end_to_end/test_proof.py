@@ -18,6 +18,7 @@ from gcs.vehicle.gain_switch import SCRIPT
 from sitl.autopilot.modes import Mode, Reason
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 
+pytestmark = pytest.mark.usefixtures("logs_kept")
 ROLL, PITCH, ELEVATOR, ROLL_RATE, PITCH_RATE = 10, 11, 20, 7, 8
 DEG_S = 28.6
 """0.5 rad/s, as the card `proof` asks for."""

@@ -102,6 +102,7 @@ def test_in_light_gusts_it_comes_back_roughly(start: Array) -> None:
         assert found[name] == pytest.approx(dict(zip(NAMES, TRUTH, strict=True))[name], rel=0.15), name
 
 
+@pytest.mark.thorough
 def test_another_pitch_damping_is_what_is_fitted(start: Array) -> None:
     plant = ForwardPlant(STILL, 3, fuselage=TABLE_5_FUSELAGE._replace(M_q=-2.0))
     found = fit([fly(plant, axis, size, 5 + i, 10.0) for i, (axis, size) in enumerate(CHIRPS)], start)

@@ -15,6 +15,8 @@ from gcs.cli import main
 from gcs.logs import resolve_runs
 from sysid.data.record import Record
 
+pytestmark = pytest.mark.usefixtures("logs_kept")
+
 
 def record(id: str, sha256: str = "a", **vehicle: str) -> Record:
     channels = {name: np.arange(3.0) for name in ("t", "p", "q", "delta_x", "delta_y")}

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from fetched import Air, FileSession, FileVehicle, dataflash, noise
+from more_of_a_kind import thorough
 
 from gcs.errors import TippathError
 from gcs.flight.fetching import pick
@@ -319,7 +320,7 @@ def test_runs_alone_are_the_head_and_their_messages(card: Path, out: Path) -> No
     assert runs_alone(FileSession(FileVehicle(card)), out)[1].already
 
 
-@pytest.mark.parametrize("share", [0.0001, 0.2, 0.4, 0.7, 0.9999])
+@pytest.mark.parametrize("share", [0.0001, *thorough([0.2, 0.4]), 0.7, 0.9999])
 def test_runs_alone_are_gone_on_with_wherever_cut_and_however_the_log_has_grown(
     share: float, card: Path, out: Path
 ) -> None:

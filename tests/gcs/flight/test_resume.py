@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,8 +56,12 @@ class Killed(BaseException):
 
 
 @pytest.fixture
-def session() -> FakeSession:
-    return FakeSession(FakeVehicle())
+def session(request: pytest.FixtureRequest) -> FakeSession:
+    """Before any flight, or behind the one that was cut off."""
+    if "cut_off" not in request.fixturenames:
+        return FakeSession(FakeVehicle())
+    flown: FakeSession = request.getfixturevalue("cut_off_once")[0]
+    return deepcopy(flown)
 
 
 def fly(session: FakeSession, folder: Path, **more: Any) -> SweepResult:
@@ -73,15 +79,16 @@ def go_on(session: FakeSession, folder: Path, **more: Any) -> SweepResult:
     return result
 
 
-@pytest.fixture
-def cut_off(session: FakeSession, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def cut_off_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[FakeSession, Path]:
     """A flight that was killed in its second run; the vehicle got out of it, and keeps what was written for it."""
-    folder = tmp_path / "flight-0001"
+    session, home = FakeSession(FakeVehicle()), tmp_path_factory.mktemp("cut-off")
+    folder = home / "flight-0001"
     folder.mkdir()
 
     def on_progress(progress: Progress) -> None:
         if isinstance(progress, RunReady) and progress.run.number == 2:
-            (tmp_path / "about").write_bytes((folder / "flight.json").read_bytes())
+            (home / "about").write_bytes((folder / "flight.json").read_bytes())
             written.update(session.vehicle.parameters)
         if isinstance(progress, RunProgress) and progress.run.number == 2 and progress.elapsed_s > 3:
             raise Killed
@@ -89,10 +96,18 @@ def cut_off(session: FakeSession, tmp_path: Path) -> Path:
     written: dict[str, float] = {}
     with pytest.raises(Killed):
         fly(session, folder, on_progress=on_progress)
-    (folder / "flight.json").write_bytes((tmp_path / "about").read_bytes())
+    (folder / "flight.json").write_bytes((home / "about").read_bytes())
     (folder / "flight.BIN").write_bytes(dataflash(CUT_AT_S, start_s=1.0))
     session.vehicle.parameters.update(written)
     session.vehicle.asked.clear()
+    return session, folder
+
+
+@pytest.fixture
+def cut_off(session: FakeSession, cut_off_once: tuple[FakeSession, Path], tmp_path: Path) -> Path:
+    """Its folder, for one test."""
+    folder = shutil.copytree(cut_off_once[1], tmp_path / "flight-0001")
+    session.recordings = [folder for _ in session.recordings]
     return folder
 
 

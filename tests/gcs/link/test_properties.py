@@ -14,7 +14,7 @@ from gcs.link.decode import sanitise
 from gcs.link.frames import FrameFinder
 from gcs.logs.words import harmless, printable
 
-alike = settings(derandomize=True, deadline=None, max_examples=300)
+alike = settings(derandomize=True, deadline=None, max_examples=200)
 """The same examples every time, on slow machines, too."""
 
 

@@ -444,7 +444,7 @@ def test_no_mutated_log_makes_ingest_fail(flown: Callable[..., bytes], saved: An
     tracemalloc.start()
     try:
         for turn in range(40):
-            if turn == 20:  # enough to see what it takes; tracing triples the time
+            if turn == 10:  # enough to see what it takes; tracing triples the time
                 _, peak = tracemalloc.get_traced_memory()
                 tracemalloc.stop()
             data = mutated(chance.choice((short, twice)), chance)

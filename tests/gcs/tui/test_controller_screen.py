@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fake_app import DESIGNED, IDLE, app_on, screen_text, settle
 from fake_desk import CLEARED, DESKS, GAINS, PRESENT
+from more_of_a_kind import thorough
 
 from gcs.desk.state import Weights
 from gcs.tui import gains_words
@@ -25,7 +26,7 @@ def plain(lines) -> list[str]:
     return [one.plain if hasattr(one, "plain") else one if isinstance(one, str) else one[0] for one in lines]
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+@pytest.mark.parametrize("size", [(80, 24), *thorough([((120, 40),)])])
 async def test_sets_of_gains_stand_side_by_side_and_what_falls_short_is_marked(size):
     app, _ = app_on(TRIED)
     async with app.run_test(size=size) as pilot:

@@ -51,7 +51,7 @@ async def test_a_note_has_the_moment_at_which_its_key_was_pressed():
         (replace(IDLE, plant=None), "2n", "note x"),
         (NOWHERE, "1n", "note x"),
         (ANALYSED["open"], "3n", "desk note x"),
-        (ANALYSED["asked"], "7n", "desk note x"),
+        *thorough([(ANALYSED["asked"], "7n", "desk note x")]),
         (replace(ANALYSED["asked"], flight=Path("flight-0009")), "2n", "note x"),
     ],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from fake_app import ANALYSED, IDLE, MOMENTS, NOWHERE, app_on, screen_text, settle
+from more_of_a_kind import thorough
 from rich.cells import cell_len
 
 from gcs.tui.connections import GUIDED, Connection
@@ -93,7 +94,7 @@ def test_the_guide_says_something_else_at_every_step_and_fits_in_its_lines():
     assert "Z opens" not in guide_words(ANALYSED["complete"], "Diagnose")
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+@pytest.mark.parametrize("size", [(80, 24), *thorough([((120, 40),)])])
 async def test_every_screen_has_room_for_the_guide(size):
     app, engine = app_on(IDLE)
     app.guided = True

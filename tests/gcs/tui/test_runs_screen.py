@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from fake_app import IDLE, app_on, screen_text, settle
 from fake_desk import DESKS, RUNS
+from more_of_a_kind import thorough
 
 from gcs.analysis.alike import alike
 from gcs.tui import runs_words
@@ -23,7 +24,7 @@ def on(moment: str) -> State:
     return joined(IDLE, DESKS[moment])
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+@pytest.mark.parametrize("size", [(80, 24), *thorough([((120, 40),)])])
 async def test_two_vehicles_in_a_folder_are_told_with_what_to_do(size):
     app, engine = app_on(on("mixed"))
     async with app.run_test(size=size) as pilot:

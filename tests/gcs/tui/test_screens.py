@@ -417,6 +417,7 @@ async def test_hostile_text_is_shown_as_text():
         assert engine.asked == []
 
 
+@pytest.mark.thorough
 async def test_any_size_is_survived_and_the_layout_comes_back():
     app, _ = app_on(FLYING)
     async with app.run_test(size=(120, 40)) as pilot:

@@ -35,7 +35,7 @@ def asked(runs: list[Run], *effects: str, base: str = "tpp", validation: list[Re
 @pytest.mark.parametrize(
     ("effect", "also"),
     [
-        ("servo_lag", "gyro_lag"),
+        pytest.param("servo_lag", "gyro_lag", marks=pytest.mark.thorough),
         pytest.param("transport_delay", None, marks=pytest.mark.thorough),
         pytest.param("inertia_coupling", "gyro_misalignment", marks=pytest.mark.thorough),
         pytest.param("hub_gyroscopics", None, marks=pytest.mark.thorough),
@@ -103,6 +103,7 @@ def test_validation_runs_judge() -> None:
         assert winner.validation_nrmse_percent[axis] > found.validation_nrmse_percent[axis]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("few_effects")
 def test_a_gain_that_other_runs_do_not_share_is_demoted() -> None:
     """Validation runs of a vehicle without the lag: what helps on the fitted runs makes these worse."""

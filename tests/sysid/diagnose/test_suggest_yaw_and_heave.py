@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from more_of_a_kind import thorough
 
 import sysid
 from gcs.analysis.diagnosis import diagnose_fit
@@ -61,23 +62,20 @@ def of_heave(x: FloatArray, delta: float) -> FloatArray:
     return np.array([az, (-0.5 * w - 1.0 * w * abs(w) - 60.0 * delta - az) / 0.06])
 
 
+def flown(base: str) -> list[Record]:
+    if base == "yaw":
+        return [moved("delta_r", "r", size, of_yaw, 1, 0, seed=1) for size in (0.03, 0.12)]
+    return [moved("delta_c", "az", size, of_heave, 2, 1, seed=2) for size in (0.03, 0.08)]
+
+
 @pytest.mark.parametrize(
-    ("base", "runs", "row", "signal", "unit"),
-    [
-        ("yaw", [moved("delta_r", "r", size, of_yaw, 1, 0, seed=1) for size in (0.03, 0.12)], "r_dot", "r|r|", "-"),
-        pytest.param(
-            "heave",
-            [moved("delta_c", "az", size, of_heave, 2, 1, seed=2) for size in (0.03, 0.08)],
-            "az_dot",
-            "w|w|",
-            "1/(m s)",
-            marks=pytest.mark.thorough,
-        ),
-    ],
+    ("base", "row", "signal", "unit"),
+    [("yaw", "r_dot", "r|r|", "-"), *thorough([("heave", "az_dot", "w|w|", "1/(m s)")])],
 )
 def test_a_drag_of_the_second_power_is_named_and_fits(
-    base: str, runs: list[Record], row: str, signal: str, unit: str, tmp_path: Path
+    base: str, row: str, signal: str, unit: str, tmp_path: Path
 ) -> None:
+    runs = flown(base)
     fit = sysid.fit_model(runs, base, band_hz=BAND_HZ)
     found = diagnose_fit(fit, runs, suggesting=True)
     assert found.suggestion is not None

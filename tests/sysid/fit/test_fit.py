@@ -51,6 +51,7 @@ def test_hover_ideal_gives_table_2_back(ideal_tpp: Fit, ideal_cd: Fit) -> None:
     assert np.all(np.abs(fit.model.values - TRUTH) < 4 * fit.standard_errors)
 
 
+@pytest.mark.thorough
 def test_hover_lands_near_the_paper(hover_card: Card) -> None:
     chirps, doublets = hover_card
     tpp, cd = identify(TPP, chirps, doublets), identify(CD, chirps, doublets)
@@ -111,6 +112,7 @@ def test_hold_and_end_states_are_exact(dt: float) -> None:
     np.testing.assert_allclose(estimate(TPP, Bins(tuple(found))).model.values, TRUTH, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_standard_errors_match_the_spread_over_flights(fly_chirps: Callable[..., list[Record]]) -> None:
     """Estimates of ten flights in different gusts scatter as their standard errors say."""
     fits = [identify(TPP, fly_chirps("hover-ideal", 100 + seed, 12.0, 2)) for seed in range(10)]

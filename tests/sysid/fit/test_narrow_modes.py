@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import pytest
+from more_of_a_kind import thorough
 from planted import fly_many
 from planted_fits import in_standard_errors, records
 
@@ -38,7 +39,9 @@ def test_a_search_that_fails_leaves_the_fit_as_it_was(monkeypatch: pytest.Monkey
     assert fitted("lead_lag", LAG_MODE, 81).at_bound
 
 
-@pytest.mark.parametrize(("effect", "sizes", "seed"), [("structural_mode", TWO_MODES, 87), ("lead_lag", LAG_MODE, 81)])
+@pytest.mark.parametrize(
+    ("effect", "sizes", "seed"), [("structural_mode", TWO_MODES, 87), *thorough([("lead_lag", LAG_MODE, 81)])]
+)
 def test_a_mode_that_power_does_not_show_is_found_by_the_noise(
     effect: str, sizes: Mapping[str, float], seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -140,6 +140,7 @@ def test_code_of_a_changed_effect_file_does_not_run(ideal_card: Card, tmp_path: 
     assert not ran.exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.data
 def test_the_quadrotor_s_honest_answer(shared_data: Path) -> None:
     """The measured flight: poor, unstable, late in the actuators, lag and delay not separable, feedback named."""
