@@ -76,7 +76,7 @@ def _memory(key: str, *, anew: bool = False) -> float:
 
 
 STEP = 50
-FIRSTS = [*range(0, 200, STEP), *(pytest.param(at, marks=pytest.mark.thorough) for at in range(200, 2000, STEP))]
+FIRSTS = [*range(0, 100, STEP), *(pytest.param(at, marks=pytest.mark.thorough) for at in range(100, 2000, STEP))]
 """The same, `STEP` seeds at a time."""
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import math
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import planted
@@ -14,7 +16,16 @@ from planted import DT, FORWARD, NULLS, PLANTED, TABLE_4, TABLE_5, TRIM, fly, fl
 from scipy.linalg import expm
 
 Array = NDArray[np.float64]
+KINDS = {
+    *("dynamic_inflow", "elevator", "gyro_misalignment", "hub_gyroscopics", "quadratic_damping", "rotor_speed"),
+    *("second_order_flapping", "servo_backlash", "servo_lag", "structural_mode", "transport_delay"),
+}
+"""Rotor, body, actuator, sensor: those that most tests fly."""
 CHANNELS = {"t", "p", "q", "r", "delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "omega", "phi", "theta"}
+
+
+def of_each_kind(effects: Iterable[str]) -> list[Any]:
+    return [pytest.param(effect, marks=() if effect in KINDS else pytest.mark.thorough) for effect in effects]
 
 
 def difference(one: list[planted.Run], other: list[planted.Run]) -> float:
@@ -93,7 +104,7 @@ def test_linear_rows_are_integrated_as_the_matrix_exponential_has_them(effect: s
     np.testing.assert_allclose(np.stack([found["p"], found["q"]], axis=1), exact, atol=1e-7)
 
 
-@pytest.mark.parametrize("effect", sorted(NULLS))
+@pytest.mark.parametrize("effect", of_each_kind(sorted(NULLS)))
 def test_at_its_null_an_effect_is_not_there(effect: str) -> None:
     forward = effect in FORWARD
     null = NULLS[effect]
@@ -117,7 +128,7 @@ def test_fast_lags_fade_into_the_base() -> None:
         assert near < 0.15 * far < 0.1
 
 
-@pytest.mark.parametrize("effect", [None, *PLANTED])
+@pytest.mark.parametrize("effect", [None, *of_each_kind(PLANTED)])
 def test_half_the_step_changes_nothing(effect: str | None) -> None:
     """Open loop with jumping commands and everything else moving; Runge-Kutta converges far below any noise."""
     U = wiggle()

@@ -29,7 +29,7 @@ def test_two_thousand_blocks_come_whole_by_stream_and_by_fetch(name: str, tmp_pa
 
 
 def test_a_log_that_was_cut_by_an_outage_is_not_called_whole_and_is_fetched(tmp_path: Path) -> None:
-    streamed = ours(tmp_path, FAULTS["outage 12 s"], 3 * BLOCKS)
+    streamed = ours(tmp_path, FAULTS["outage 12 s"], 2 * BLOCKS)
     assert not streamed.claimed_whole
     assert (streamed.other, streamed.whole) == (0, False)
     assert streamed.same > 500

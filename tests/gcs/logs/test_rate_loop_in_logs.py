@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from more_of_a_kind import thorough
 
 from gcs.errors import TippathError
 from gcs.logs.formats.dataflash_table import DataFlashTables
@@ -104,7 +105,11 @@ BUSY = {
 
 @pytest.mark.parametrize(
     ("like", "sid_axis", "magnitude", "settings"),
-    [(HELI, 10, 0.05, {}), (HELI, 11, 0.05, BUSY), (HELI, 7, 5.0, {}), (QUAD, 11, 0.05, {}), (QUAD, 8, 5.0, {})],
+    [
+        (HELI, 11, 0.05, BUSY),
+        (QUAD, 8, 5.0, {}),
+        *thorough([(HELI, 10, 0.05, {}), (HELI, 7, 5.0, {}), (QUAD, 11, 0.05, {})]),
+    ],
 )
 def test_the_simulated_vehicle_s_own_loop_is_repeated(
     tmp_path: Path, like: tuple[str, str], sid_axis: int, magnitude: float, settings: dict[str, float]

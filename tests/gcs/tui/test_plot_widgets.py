@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from more_of_a_kind import thorough
 from textual.app import App
 from textual.strip import Strip
 
@@ -167,7 +168,7 @@ async def test_a_live_plot_moves_along_until_it_is_zoomed():
         assert traces.view.high == pytest.approx(35.99)
 
 
-@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("style", ["braille", *thorough(style for style in STYLES if style != "braille")])
 async def test_nothing_leaves_its_box_at_any_size(style):
     traces = Traces(style, "t")
     async with Shown(traces).run_test(size=(80, 24)) as pilot:
