@@ -34,7 +34,8 @@ async def until(condition: Callable[[], object], within_s: float = 30.0) -> None
             await asyncio.sleep(0.02)
 
 
-@pytest.mark.usefixtures("few_effects", "answers_kept")
+@pytest.mark.usefixtures("only_effects", "answers_kept")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "servo_lag", "transport_delay")], indirect=True)
 async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> None:
     flight = fly_folder(tmp_path / "flight-0001", LAG, CARD).path
     engine = Reconnecting(folder=tmp_path)

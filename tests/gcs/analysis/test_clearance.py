@@ -55,7 +55,8 @@ def lagged(fit: Fit, tau_s: float) -> Model:
     return Model(LAGGED, LAGGED.vector({**fit.model.by_name, "tau_s": tau_s}))
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "servo_lag", "transport_delay")], indirect=True)
 def test_a_kept_diagnosis_gives_the_margins_of_the_completed_model(fit: Fit, flight: list[Any], tmp_path: Path) -> None:
     assert beside(tmp_path, fit) is NOT_ASKED
     found = diagnose_fit(fit, flight)

@@ -219,8 +219,10 @@ def test_runs_are_split_by_a_key(short: Path, raw: Path) -> None:
     assert [run.choice for run in desk.state().runs[2:4]] == [Choice.VALIDATE, Choice.FIT]
 
 
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 def test_sliders_are_followed_at_once_judged_at_rest_and_kept_by_a_key(
-    short: Path, few_effects: Path, monkeypatch: pytest.MonkeyPatch
+    short: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "clearance", partial(clearance, samples=20))
     desk = Desk(now=lambda: WHEN)

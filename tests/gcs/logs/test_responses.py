@@ -134,6 +134,8 @@ def test_what_response_writes_is_read_and_fitted(
     assert min(found["nrmse_percent"].values()) > 97
 
 
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "motor_lag", "servo_lag", "transport_delay")], indirect=True)
 def test_compare_and_diagnose_take_them(saved: Saved, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     late = columns(("omega", OMEGA), *[(name, values) for name, values in _late(0.03)])
     path, profile = saved(late, "r.csv"), saved(PAIR, "p.toml")

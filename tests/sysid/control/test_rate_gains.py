@@ -65,7 +65,6 @@ def test_a_feed_forward_is_taken_to_what_may_be_written() -> None:
     assert pitch.ff == pytest.approx(MOST * 0.1)
 
 
-@pytest.mark.thorough
 def test_half_of_the_vehicle_s_delay_is_asked_for() -> None:
     found = faster(flying(gyro_hz=0.0), [late(90.0, 0.04)])
     assert found.asked.delay_ms == pytest.approx(20.0)

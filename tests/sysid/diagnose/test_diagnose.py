@@ -88,7 +88,8 @@ def test_what_physics_does_not_allow_stands_in() -> None:
     assert found.effect == "attitude_stiffness"
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "servo_lag", "transport_delay")], indirect=True)
 def test_validation_runs_judge() -> None:
     runs = flown("servo_lag", 51)
     other = records(flown("servo_lag", 52))
@@ -124,6 +125,7 @@ def test_what_cannot_be_asked_says_why() -> None:
     assert "hardly moves" in str(reasons["yaw_coupling"])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("angular_damping", "quadratic_damping", "servo_lag")], indirect=True)
 def test_a_user_s_effect_is_asked_beside_the_catalogue(tmp_path: Path) -> None:

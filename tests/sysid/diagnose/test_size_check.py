@@ -35,7 +35,8 @@ def asked(other: float) -> Diagnosis:
     return diagnose(on_runs("tpp", (), flight, flight), flight, lagging(other, 72), chains=False)
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "servo_lag", "transport_delay")], indirect=True)
 def test_one_size_holds() -> None:
     found = asked(TAU_S)
     assert found.verdict == "missing"
@@ -45,7 +46,8 @@ def test_one_size_holds() -> None:
     assert not found.sizes_that_differ
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "servo_lag", "transport_delay")], indirect=True)
 def test_an_effect_whose_size_differs_elsewhere_only_resembles_what_is_there() -> None:
     """It explains most of the error there, too: that alone would not show it."""
     found = asked(LESS * TAU_S)
