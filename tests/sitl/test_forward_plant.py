@@ -88,6 +88,7 @@ def start() -> Array:
     return TRUTH * np.where(np.arange(TRUTH.size) % 2, 1.15, 0.87)
 
 
+@pytest.mark.thorough
 def test_table_5_comes_back_from_three_chirps(start: Array) -> None:
     plant = ForwardPlant(STILL, 3)
     found = fit([fly(plant, axis, size, 5 + i, 12.0) for i, (axis, size) in enumerate(CHIRPS)], start)

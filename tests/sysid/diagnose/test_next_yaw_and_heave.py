@@ -104,6 +104,7 @@ def proposed(vehicle: Any, base: str, seed: int = SEEDS[0]) -> NextManeuver:
     return found
 
 
+@pytest.mark.thorough
 def test_the_card_proposed_for_yaw_tells_what_was_foretold() -> None:
     told = proposed(YAW, "yaw")
     assert told.card is not None

@@ -14,7 +14,7 @@ from sysid.model.compose import compose
 
 SECONDS = 15.0
 OF_EACH_KIND = {
-    *("second_order_flapping", "hub_gyroscopics", "quadratic_damping", "angle_of_attack"),
+    *("second_order_flapping", "hub_gyroscopics", "angle_of_attack"),
     *("servo_lag", "servo_backlash", "transport_delay", "gyro_lag"),
 }
 
