@@ -34,7 +34,7 @@ Array = Any
 
 @cache
 def flight(
-    effect: str | None, seed: int, gusts: float = 1.0, scale: float = 1.0, duration_s: float = 30.0
+    effect: str | None, seed: int, gusts: float = 1.0, scale: float = 1.0, duration_s: float = 20.0
 ) -> list[Run]:
     """Two roll and two pitch chirps, `scale` times the usual amplitude; 0 is quiet hover."""
     usual = planted.SIZES
@@ -541,7 +541,7 @@ def test_one_run_only() -> None:
 
 
 def test_two_seconds_are_too_short_to_tell_noise() -> None:
-    short = [one.window(5.0, 7.2) for one in records(flight("servo_lag", 1))[:1]]
+    short = [one.window(5.0, 7.2) for one in records(flight("servo_lag", 1, duration_s=30.0))[:1]]
     found = compare(model_of("servo_lag", 1), short, BAND)
     assert found.noise_share is None
     assert found.explained is None
