@@ -58,7 +58,7 @@ tests: $(STAMP)  # what flies in real time mostly waits: it has a process of its
 	@$(MAKE) --no-print-directory -j2 flights quick
 
 quick: $(STAMP)
-	$(BIN)/python -m pytest -m 'not realtime and not thorough' --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest -m 'not realtime and not thorough' --numprocesses 3 --dist loadfile
 
 flights: $(STAMP)
 	@$(BIN)/python -m pytest -m 'realtime and not thorough' $$(grep -rl --include='test_*.py' 'mark\.realtime' tests) > $(VENV)/flights.log 2>&1; status=$$?; echo; cat $(VENV)/flights.log; exit $$status

@@ -328,7 +328,6 @@ def test_what_the_fit_lacks_is_said_beside_the_gains(quad_fit: Path, capsys: pyt
     assert designed(capsys, quad_fit)["diagnosis"]["state"] in ("complete", "missing", "unexplained")
 
 
-@pytest.mark.thorough
 @pytest.mark.data
 @pytest.mark.usefixtures("few_samples")
 def test_a_real_autopilot_s_helicopter(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
