@@ -24,7 +24,8 @@ from sysid.model.structure import Model
 
 def in_reach(candidates: Sequence[Ranked], reference: Reference) -> list[Ranked]:
     """The candidates; of those that may be the answer and have values outside what physics allows, each where that is
-    hardly less likely by values that it allows, or else, beside one that has none outside, with these as implausible."""
+    hardly less likely by values that it allows, or else, beside one that has none outside, with these as implausible.
+    """
     fits = [one for one in candidates if one.fit is not None]
     most = max((one.chi_squared for one in fits), default=0.0)
     near = [one for one in fits if one.chi_squared > most - SAME and one.delta_bic < 0]
