@@ -108,14 +108,17 @@ def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, 
             for steps in ways:
                 point = {**here, **change}
                 found = question.at(point, steps, tried, sized=False)
-                if found is not None and (best is None or found.log_p < best[0].log_p or _more(found, best[0])):
+                if found is not None and (best is None or _shows_more(found, best[0])):
                     best = found, point, steps
         here = here if best is None else best[1]
     return None if best is None else question.at(*best[1:], tried) or best[0]
 
 
-def _more(one: Score, other: Score) -> bool:
-    return one.log_p == other.log_p and one.chi_squared > other.chi_squared
+def _shows_more(one: Score, other: Score) -> bool:
+    """By chance; by what it explains, where no burst makes either: what fails most is loud, and likest to a burst."""
+    if one.log_p == other.log_p or max(one.log_p, other.log_p) < BEYOND_BURSTS:
+        return one.chi_squared > other.chi_squared
+    return one.log_p < other.log_p
 
 
 def _points(composed: Structure, of: Candidate) -> tuple[dict[str, float], list[list[dict[str, float]]], list[Steps]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from strangers.asking import ask, records
 from strangers.flights import fly
 
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import candidates, diagnose, halves, reach, refits, size_check, verdict
+from sysid.diagnose import by_noise, candidates, diagnose, halves, reach, refits, score, size_check, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import FitError
 from sysid.fit import axes
@@ -40,6 +42,10 @@ LIMITED_SERVOS = 4001888
 """A small helicopter in a strong loop whose servos move no faster than 8 1/s."""
 ONE_MODE = 4000199
 """A small helicopter with a mode in pitch, at 8.3 Hz."""
+LATE_MOTORS = 4003678
+"""A quadrotor whose motors lag by 72 ms, in gusts in bursts."""
+LOUD_MODES = 4003647
+"""A helicopter with modes at 9.3 and 8.5 Hz, far above gusts in bursts; every fifth sample is logged."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -203,3 +209,34 @@ def test_a_little_of_the_other_sign_at_some_frequency_is_no_other_mode() -> None
     assert (found.verdict, found.effect) == ("missing", "structural_mode")
     assert found.winner is not None
     assert -3 < found.winner.values["kappa_roll"] / found.winner.standard_errors["kappa_roll"] < -2
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("motor_lag", "lag_per_axis")], indirect=True)
+def test_a_lag_of_all_motors_is_moved_on_as_a_lag_of_each_axis_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(LATE_MOTORS)
+    assert (found.verdict, found.effect) == ("missing", "motor_lag")
+    assert found.winner is not None
+    assert found.winner.values["tau_m"] == pytest.approx(0.0725, rel=0.02)
+    monkeypatch.setattr(by_noise, "MISLED", 1.25)
+    assert asked(LATE_MOTORS).effect == "lag_per_axis"
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "dynamic_inflow")], indirect=True)
+def test_a_mode_that_no_burst_makes_is_begun_where_it_explains_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(LOUD_MODES)
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    assert found.winner is not None
+    assert found.winner.values["frequency_pitch"] == pytest.approx(8.49, rel=0.02)
+
+    def promised() -> float:
+        (mode,) = [one for one in asked(LOUD_MODES).candidates if one.effect == "structural_mode"]
+        assert mode.score is not None
+        return mode.score.chi_squared
+
+    most = promised()
+    monkeypatch.setattr(score, "BEYOND_BURSTS", -math.inf)
+    assert promised() < 0.1 * most
