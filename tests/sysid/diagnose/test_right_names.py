@@ -154,6 +154,7 @@ def test_sizes_that_other_runs_contradict_by_chance_alone_are_no_veto(monkeypatc
     assert found.sizes_that_differ[0].parameter.name == "X_u"
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("gyro_lag", "transport_delay", "servo_second_order")], indirect=True)
 def test_a_damping_ratio_that_noise_has_chosen_leaves_a_filter_in_the_class(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,6 +191,7 @@ def test_gusts_that_commands_explain_do_not_keep_a_lag_where_least_squares_left_
     assert found.winner.values["tau_m"] == pytest.approx(0.02473, rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("servo_rate_limit", "lag_per_axis", "structural_mode")], indirect=True)
 def test_a_limit_that_only_a_chain_finds_is_named_alone(monkeypatch: pytest.MonkeyPatch) -> None:
