@@ -108,6 +108,12 @@ class ChainSearch:
     pairs: tuple[Ranked, ...] = ()
     unsearched: Unsearched | None = None
 
+    @property
+    def interrupted(self) -> ChainSearch:
+        """The same, ended by Ctrl-C."""
+        spent = self.unsearched if isinstance(self.unsearched, BudgetSpent) else BudgetSpent(())
+        return replace(self, unsearched=replace(spent, interrupted=True))
+
 
 def chains_of_two(
     singles: Sequence[Ranked],

@@ -123,10 +123,11 @@ class _Asked:
         if pairs:
             answer = verdict_on(candidates, pairs, self.chance, reference)
             if answer.winner is not None and len(answer.chain) == 2:
-                more = halves_alone(answer.winner, candidates, reference, say)
-                if more != candidates:
-                    candidates = sorted(more, key=rank)
-                    answer = verdict_on(candidates, pairs, self.chance, reference)
+                try:
+                    candidates = sorted(halves_alone(answer.winner, candidates, reference, say), key=rank)
+                except KeyboardInterrupt:
+                    chained = chained.interrupted
+                answer = verdict_on(candidates, pairs, self.chance, reference)
         likelier = _likelier(answer, reference)
         if likelier is not None:
             candidates = sorted(in_reach([compared(one, likelier) for one in candidates], likelier), key=rank)

@@ -28,9 +28,11 @@ def halves_alone(chain: Ranked, candidates: Sequence[Ranked], reference: Referen
 def _alone(one: Ranked, chain: Ranked, reference: Reference, say: Listener) -> Ranked:
     assert chain.fit is not None
     parent, both = reference.parent, chain.fit.model.by_name
-    say(Asking(stage=Stage.CHAINS, effects=one.effects, done=1.0, at_most=True))
+    say(Asking(stage=Stage.ALONE, effects=one.effects))
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, reference.users), parent.dataset)
+        if not set(composed.names) <= set(both):
+            return one
         begin = Model(composed, composed.vector({name: both[name] for name in composed.names}))
         fit = refit(composed, parent, one.effects, begin)
     except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError):

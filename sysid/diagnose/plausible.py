@@ -44,12 +44,12 @@ def of_the_wrong_sign(effect: Effect, one: Candidate) -> frozenset[str]:
     the nearest that it allows is no effect at all, which explains nothing."""
     sizes = [each for each in effect.parameters if each.sizes and each.name in one.free]
     found = sizes and all(each.null in each.plausible and each.plausible[0] < each.plausible[1] for each in sizes)
-    wrong = found and all(each.implausible(one.model[each.name]) and _beyond_none(each, one) for each in sizes)
+    wrong = found and all(_beyond_none(each, one) for each in sizes)
     return frozenset(each.name for each in sizes) if wrong else frozenset()
 
 
 def _beyond_none(size: Parameter, one: Candidate) -> bool:
-    """Whether it lies on the side of none on which physics allows nothing."""
+    """Whether it was found on the side of none on which physics allows nothing."""
     low, high = size.plausible
     value = one.model[size.name]
     return value < low if size.null == low else value > high

@@ -23,6 +23,7 @@ _OF_ONE = {
     Stage.VALIDATION: "checking {} on all runs",
     Stage.SECONDS: "asking what comes beside {}",
     Stage.CHAINS: "two together: {}",
+    Stage.ALONE: "what {} does alone",
 }
 
 

@@ -11,6 +11,7 @@ from strangers.flights import fly
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
 from sysid.diagnose import by_noise, candidates, diagnose, halves, reach, refits, score, size_check, verdict
+from sysid.diagnose.chains import BudgetSpent
 from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import FitError
 from sysid.fit import axes
@@ -195,12 +196,31 @@ def test_gusts_that_commands_explain_do_not_keep_a_lag_where_least_squares_left_
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("servo_rate_limit", "lag_per_axis", "structural_mode")], indirect=True)
 def test_a_limit_that_only_a_chain_finds_is_named_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refits, "_worth_simulating", lambda _: ())  # as where its score promises little
     found = asked(LIMITED_SERVOS)
     assert (found.verdict, found.chain) == ("missing", ("servo_rate_limit",))
     assert found.winner is not None
     assert found.winner.values["rate"] == pytest.approx(7.97, rel=0.05)
-    monkeypatch.setattr(halves, "refit", lambda *_: (_ for _ in ()).throw(FitError("none")))
-    assert len(asked(LIMITED_SERVOS).chain) == 2
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_rate_limit", "lag_per_axis", "structural_mode")], indirect=True)
+@pytest.mark.parametrize("ended", [FitError("none"), KeyboardInterrupt()], ids=["fails", "interrupted"])
+def test_a_half_that_cannot_be_asked_alone_leaves_its_chain(
+    ended: BaseException, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refit(*_: object) -> None:
+        raise ended
+
+    monkeypatch.setattr(refits, "_worth_simulating", lambda _: ())
+    monkeypatch.setattr(halves, "refit", refit)
+    found = asked(LIMITED_SERVOS)
+    assert "servo_rate_limit" in found.chain
+    assert len(found.chain) == 2
+    spent = found.unsearched
+    assert isinstance(spent, BudgetSpent) == isinstance(ended, KeyboardInterrupt)
+    assert not isinstance(spent, BudgetSpent) or spent.interrupted
 
 
 @pytest.mark.thorough
