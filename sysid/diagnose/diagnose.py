@@ -124,10 +124,13 @@ class _Asked:
             answer = verdict_on(candidates, pairs, self.chance, reference)
             if answer.winner is not None and len(answer.chain) == 2:
                 try:
-                    candidates = sorted(halves_alone(answer.winner, candidates, reference, say), key=rank)
+                    alone = halves_alone(answer.winner, candidates, reference, say)
                 except KeyboardInterrupt:
-                    chained = chained.interrupted
-                answer = verdict_on(candidates, pairs, self.chance, reference)
+                    alone, chained = [], chained.interrupted
+                if alone:
+                    fitted = {one.effects: one for one in alone}
+                    candidates = sorted((fitted.get(one.effects, one) for one in candidates), key=rank)
+                    answer = verdict_on(candidates, pairs, self.chance, reference)
         likelier = _likelier(answer, reference)
         if likelier is not None:
             candidates = sorted(in_reach([compared(one, likelier) for one in candidates], likelier), key=rank)

@@ -8,7 +8,7 @@ itself is that of the commands as flown. Where no excitation is logged, what is 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -293,16 +293,22 @@ def _residual(one: Candidate) -> list[ComplexArray]:
     return [(group.Y - Y)[None] for group, Y in zip(one.dataset.stacks, one.Y, strict=True)]
 
 
-def refit(composed: Structure, parent: Candidate, added: Sequence[str], near: Model | None = None) -> Candidate:
-    """Fit a composition that grows from the parent, or goes on from `near`. Raises FitError where the runs do not
-    determine it, RelaxationError where its response does not settle."""
-    fixed = {name: parent.model[name] for name in parent.held}
+def refit(
+    composed: Structure,
+    parent: Candidate,
+    added: Sequence[str],
+    near: Model | None = None,
+    held: Mapping[str, float] | None = None,
+) -> Candidate:
+    """Fit a composition that grows from the parent, or goes on from `near`, with what the parent holds and these values
+    `held`. Raises FitError where the runs do not determine it, RelaxationError where its response does not settle."""
+    fixed = {name: parent.model[name] for name in parent.held} | dict(held or {})
     open_to_all = structural(composed, fixed)
     if open_to_all is not None:
         raise FitError(open_to_all)
     begin = near or (parent.model if composed.base == parent.model.structure.base else None)
     found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed, parent.estimate.weights)
-    made = candidate(found, parent.held, parent.dataset, added)
+    made = candidate(found, tuple(fixed), parent.dataset, added)
     _ = made.asked  # what does not settle on the bins of its metric is no candidate
     return made
 

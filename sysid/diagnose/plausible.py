@@ -1,5 +1,4 @@
-"""Whether values are what physics allows, where standard errors of each do not tell: together, by their sign, or by how
-much less likely the nearest that it allows make the runs."""
+"""Whether values are what physics allows, where standard errors of each do not tell: together, or by their sign."""
 
 from __future__ import annotations
 

@@ -13,12 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnose.candidates import Ranked, Reference, ranked
-from sysid.diagnose.evidence import Candidate, candidate
+from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.likely import SAME
-from sysid.errors import FitError
-from sysid.fit.estimate import estimate
+from sysid.diagnose.refits import refit_or_reason
 from sysid.model.parameter import SURELY
-from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model
 
 
@@ -67,13 +65,6 @@ def _outside(one: Ranked) -> dict[str, float]:
 
 def _held(one: Candidate, values: dict[str, float], parent: Candidate) -> Candidate | None:
     """Fitted with these held; None where the runs do not determine the rest."""
-    structure, held = one.model.structure, (*one.held, *values)
-    fixed = {name: parent.model[name] for name in one.held} | values
+    structure = one.model.structure
     begin = Model(structure, structure.vector(one.model.by_name | values))
-    try:
-        found = estimate(structure, one.dataset.viewed(structure.inputs), begin, fixed, one.estimate.weights)
-        made = candidate(found, held, one.dataset, one.added)
-        _ = made.asked
-    except (FitError, RelaxationError, np.linalg.LinAlgError):
-        return None
-    return made
+    return refit_or_reason(structure, parent, one.added, begin, values)[0]

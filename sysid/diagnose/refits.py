@@ -172,7 +172,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         near = as_scored(one, composed, parent)
         if near is None:
             return replace(one, fit=None)
-    fit, failure = _refit(composed, parent, one, near)
+    fit, failure = refit_or_reason(composed, parent, one.effects, near)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
     begin = as_scored(one, composed, parent) if shows and linear_dynamics(composed) else None
     astray = False
@@ -200,7 +200,7 @@ def _as_promised(
     explained = 0.0 if fit is None or _astray(fit, parent) else explained_by(fit, parent, metric)
     # what acts on samples ends in the same valley again; of several modes power may show one alone
     short = explained < promised or one.score.tried > FEW_POINTS
-    again = _refit(composed, parent, one, begin)[0] if short and composed.linear else None
+    again = refit_or_reason(composed, parent, one.effects, begin)[0] if short and composed.linear else None
     if again is not None and explained_by(again, parent, metric) > explained:
         fit, explained = again, explained_by(again, parent, metric)
     if fit is None or explained >= promised or not parent.division.measured:
@@ -228,9 +228,16 @@ def _astray(fit: Candidate, parent: Candidate) -> bool:
     return parent.division.measured and fit.error_share > parent.error_share
 
 
-def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | None) -> tuple[Candidate | None, str]:
+def refit_or_reason(
+    composed: Structure,
+    parent: Candidate,
+    added: Sequence[str],
+    near: Model | None,
+    held: Mapping[str, float] | None = None,
+) -> tuple[Candidate | None, str]:
+    """The refit, as `evidence.refit` makes it, or why there is none."""
     try:
-        return refit(composed, parent, one.effects, near), ""
+        return refit(composed, parent, added, near, held), ""
     except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
         return None, str(error)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from strangers.asking import ask, records
@@ -10,7 +11,7 @@ from strangers.flights import fly
 
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import by_noise, candidates, diagnose, halves, reach, refits, score, size_check, verdict
+from sysid.diagnose import by_noise, candidates, diagnose, reach, refits, score, size_check, verdict
 from sysid.diagnose.chains import BudgetSpent
 from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import FitError
@@ -18,6 +19,7 @@ from sysid.fit import axes
 from sysid.fit.clocks import found_hold
 from sysid.fit.estimate import estimate
 from sysid.model.paper import TPP
+from sysid.model.structure import Structure
 
 PITCHED_BY_COLLECTIVE = 8029
 """A helicopter of 90 kg whose collective turns it a little, in coloured gusts; every second sample is logged."""
@@ -210,11 +212,15 @@ def test_a_limit_that_only_a_chain_finds_is_named_alone(monkeypatch: pytest.Monk
 def test_a_half_that_cannot_be_asked_alone_leaves_its_chain(
     ended: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refit(*_: object) -> None:
-        raise ended
+    real = refits.refit
+
+    def refit(composed: Structure, *of: Any) -> Any:
+        if composed.effects == ("servo_rate_limit",):
+            raise ended
+        return real(composed, *of)
 
     monkeypatch.setattr(refits, "_worth_simulating", lambda _: ())
-    monkeypatch.setattr(halves, "refit", refit)
+    monkeypatch.setattr(refits, "refit", refit)
     found = asked(LIMITED_SERVOS)
     assert "servo_rate_limit" in found.chain
     assert len(found.chain) == 2

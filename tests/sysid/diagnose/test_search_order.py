@@ -79,7 +79,7 @@ def test_what_acts_on_samples_is_simulated_where_it_scores_near_the_best(monkeyp
 
 def test_a_refit_that_fails_leaves_none_of_an_earlier_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(refits, "composed_with", lambda *_: SimpleNamespace(composed=()))
-    monkeypatch.setattr(refits, "_refit", lambda *_: (None, "the response does not settle"))
+    monkeypatch.setattr(refits, "refit_or_reason", lambda *_: (None, "the response does not settle"))
     monkeypatch.setattr(refits, "as_scored", lambda *_: None)
     monkeypatch.setattr(refits, "goes_by_its_score", lambda *_: False)
     before = replace(scored("servo_lag", 900.0), fit=cast("Any", Left(0.1)))
