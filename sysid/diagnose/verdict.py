@@ -28,7 +28,7 @@ from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, Class, declared, near, where_samples_are_lost
 from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
-from sysid.diagnose.shares import A_LOOP_MAKES, Shares
+from sysid.diagnose.shares import A_LOOP_MAKES, Shares, least
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection, select
@@ -163,6 +163,7 @@ class Diagnosis:
             "equivalent": {name: list(others) for name, others in self.equivalent.items()},
             "confidence": finite(self.confidence),
             "explained_share": None if self.explained_share is None else finite(self.explained_share),
+            "needed_share": least(self.division),
             "candidates": [one.to_json() for one in self.candidates],
             "pairs": [one.to_json() for one in self.pairs],
             "placebo": None if placebo is None else placebo.effect,

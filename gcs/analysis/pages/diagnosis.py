@@ -16,6 +16,7 @@ from sysid.compare.compare import compare
 from sysid.compare.values import Densities
 from sysid.data.record import RATES, axis_of
 from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.shares import least
 
 DRAWN = 12
 """Candidates in the picture."""
@@ -42,6 +43,7 @@ def drawn(found: FitDiagnosis) -> Any:
         f"with {label}",
         outputs=last.parent.model.structure.outputs,
         title=f"{head}{'; candidates, the answer first' if shares else ''}",
+        needed=least(last.division),
     )
 
 
@@ -58,18 +60,19 @@ def diagnosis_picture(
     outputs: Sequence[str] = RATES,
     title: str = "",
     width: float = WIDTH,
+    needed: float | None = None,
 ) -> Any:
     """Bars of what each candidate explains of what can be explained, and the residuals against the noise.
 
     candidates: best first; the first bar is dark, those with a note are empty. parent, best: spectra of the residual
-    before and with the best candidate. title: the answer.
+    before and with the best candidate. title: the answer. needed: share from which on one is named, if that is known.
     """
     tall = 0.36 * max(1, len(candidates)) + 1.0
     figure = sheet(tall + (4.4 if width == WIDTH else 3.0), width)
     grid = figure.add_gridspec(2, len(outputs), height_ratios=[tall, 4.0])
     axis = figure.add_subplot(grid[0, :])
     plain(axis)
-    _draw_shares(axis, candidates)
+    _draw_shares(axis, candidates, needed)
     axis.set_title(literal(title), fontsize=12, loc="left", fontweight="bold")
     for k, output in enumerate(outputs):
         panel = figure.add_subplot(grid[1, k])
@@ -79,8 +82,8 @@ def diagnosis_picture(
     return figure
 
 
-def _draw_shares(axis: Any, candidates: Sequence[Share]) -> None:
-    """A bar for each candidate, with its percentage and its note."""
+def _draw_shares(axis: Any, candidates: Sequence[Share], needed: float | None) -> None:
+    """A bar for each candidate, with its percentage and its note, and the share that is needed."""
     shares = [0.0 if share is None else float(np.clip(share, 0, 1)) for _, share, _ in candidates]
     place = np.arange(len(candidates))
     colours = [BLUE if number == 0 else SKY for number in range(len(candidates))]
@@ -99,10 +102,10 @@ def _draw_shares(axis: Any, candidates: Sequence[Share]) -> None:
             fontsize=9,
             bbox=BESIDE,
         )
-    if candidates:
-        axis.axvline(80, color=BLACK, linewidth=0.8, linestyle=":")
-        axis.text(80, -0.62, "needed to be named", ha="center", va="bottom", fontsize=8, bbox=BESIDE)
-    else:
+    if candidates and needed is not None:
+        axis.axvline(100 * needed, color=BLACK, linewidth=0.8, linestyle=":")
+        axis.text(100 * needed, -0.62, "needed to be named", ha="center", va="bottom", fontsize=8, bbox=BESIDE)
+    if not candidates:
         axis.text(50, -0.1, "nothing was refitted: there is nothing to explain", ha="center", fontsize=10)
     axis.set_yticks(place, [literal(label) for label, _, _ in candidates])
     axis.set_ylim(max(1, len(candidates)) - 0.4, -1.1)

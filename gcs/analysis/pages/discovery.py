@@ -66,6 +66,7 @@ class Told(Open, frozen=True, kw_only=True):
     equivalent: dict[str, tuple[str, ...]] = {}
     confidence: float | None = None
     explained_share: float | None = None
+    needed_share: float | None = None
     candidates: tuple[_Candidate, ...] = ()
     pairs: tuple[_Candidate, ...] = ()
     placebo: str | None = None
@@ -80,6 +81,12 @@ class Told(Open, frozen=True, kw_only=True):
     remarks: tuple[str, ...] = ()
 
     @property
+    def only_noise(self) -> bool:
+        """Whether nothing that is left is more than noise."""
+        seldom = self.log10_chance is None or self.log10_chance * math.log(10) < SIGNIFICANT
+        return self.verdict == "complete" and not seldom
+
+    @property
     def answer(self) -> str:
         """`missing: servo_lag (not to be told from gyro_lag), confidence 0.99`."""
         names = printable(listed(short_names(self.chain))) if self.chain else ""
@@ -87,8 +94,7 @@ class Told(Open, frozen=True, kw_only=True):
         alike = [printable(name) for name in short_names(tuple(dict.fromkeys(same)))]
         sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
         if self.verdict == "complete":
-            noise = self.log10_chance is not None and self.log10_chance * math.log(10) >= SIGNIFICANT
-            return f"complete: what is left {'is noise' if noise else 'does not matter'}{sure}"
+            return f"complete: what is left {'is noise' if self.only_noise else 'does not matter'}{sure}"
         if self.verdict == "missing":
             return f"missing: {names}{f' (not to be told from {listed(alike)})' if alike else ''}{sure}"
         if self.stands_in:
@@ -110,9 +116,9 @@ def discovery(found: Told, parent: Densities, best: Densities | None, outputs: S
 
     parent, best: spectra of the residual of the rung, and with what it lacks added (None where that is not known).
     """
-    parts: list[Part] = [
-        Sentences((f"{_capital(found.answer)}.", *(_ended(printable(one)) for one in found.character.findings)))
-    ]
+    # of noise nothing is told: what seems to follow something in it does so by chance
+    findings = () if found.only_noise else found.character.findings
+    parts: list[Part] = [Sentences((f"{_capital(found.answer)}.", *(_ended(printable(one)) for one in findings)))]
     best_first = _ranked(found)
     if best_first and found.verdict != "complete":
         bars = [
@@ -122,7 +128,8 @@ def discovery(found: Told, parent: Densities, best: Densities | None, outputs: S
         ]
         name = _named(found.chain)
         with_it = f"with {name}" if name else "with the best"
-        figure = diagnosis_picture(bars, parent, best, with_it, outputs=outputs, width=PAGE_WIDTH)
+        needed = found.needed_share if 0 < (found.needed_share or 0.0) <= 1 else None  # a file may say anything
+        figure = diagnosis_picture(bars, parent, best, with_it, outputs=outputs, width=PAGE_WIDTH, needed=needed)
         shown = "" if best is None else f", and {with_it} (dashed)"
         parts.append(
             Picture(

@@ -3,7 +3,6 @@
 from gcs.tui.plot.bars import bars
 from gcs.tui.plot.draw import STYLES, Style, bar, chart, dots_across, envelope, raster, round_limit
 from gcs.tui.plot.found import (
-    candidate_bars,
     compared,
     densities_plot,
     fallen_plot,
@@ -38,7 +37,6 @@ __all__ = [
     "View",
     "bar",
     "bars",
-    "candidate_bars",
     "cell_at",
     "chart",
     "compared",

@@ -23,8 +23,6 @@ FOLLOWS = 0.2
 """Coherence from which on a cell says what its error follows."""
 SHORT = {"delta_x": "δx", "delta_y": "δy", "delta_e": "δe"}
 Bands = Sequence[tuple[float, float]]
-ENOUGH = 0.8
-"""The share that a candidate must explain to be named."""
 
 
 def strip(name: str, t: FloatArray, values: FloatArray, unit: str = "", least: float = 0.1) -> Panel:
@@ -158,16 +156,6 @@ def _band(band_hz: tuple[float, float]) -> tuple[float, float]:
     """As on paper: from a quarter of a hertz."""
     low, high = max(band_hz[0], 0.25), band_hz[1]
     return min(low, 0.5 * high), high
-
-
-def candidate_bars(candidates: Sequence[tuple[str, float | None, str]], title: str = "") -> BarPlot:
-    """(label, explained share 0..1 or None where it is not testable, note), best first."""
-    bars = []
-    for number, (label, share, note) in enumerate(candidates):
-        said = "not testable" if share is None else f"{100 * share:.0f} %"
-        parts = () if share is None else (float(np.clip(np.nan_to_num(share), 0.0, 1.0)),)
-        bars.append(Bar(label=label, parts=parts, text=f"{said}  {note}".rstrip(), chosen=number == 0))
-    return BarPlot(bars=tuple(bars), title=title, lines=((ENOUGH, "needed to be named"),) if bars else ())
 
 
 def heat_plot(comparison: Comparison) -> HeatPlot:

@@ -205,6 +205,26 @@ def test_a_complete_one_draws_no_candidates() -> None:
     assert not [part for part in discovery(found, densities(), None, ("p", "q")) if isinstance(part, Picture)]
 
 
+@pytest.mark.parametrize(("log10_chance", "says"), [(-1.3, False), (-6.0, True)])
+def test_of_noise_nothing_is_told_but_that_it_is(log10_chance: float, says: bool) -> None:
+    """Significant and complete is what does not matter: that it follows a command is worth a sentence."""
+    finding = "roll: 44 % of the error sits in 1.2-2.3 Hz, coherent with delta_x (0.27): linear dynamics are missing"
+    document = {"verdict": "complete", "log10_chance": log10_chance, "character": {"findings": [finding]}}
+    found = told(document)
+    assert found is not None
+    (sentences,) = (part for part in discovery(found, densities(), None, ("p", "q")) if isinstance(part, Sentences))
+    assert (f"{finding}." in sentences.lines) == says
+
+
+@pytest.mark.parametrize(("needed", "marked"), [(0.9, [90.0]), (0.8, [80.0]), (None, []), (7.0, []), (-1.0, [])])
+def test_the_share_that_is_needed_is_marked_where_it_is_known(needed: float | None, marked: list[float]) -> None:
+    found = told(DIAGNOSIS | {"needed_share": needed})
+    assert found is not None
+    (picture,) = (part for part in discovery(found, densities(), None, ("p", "q")) if isinstance(part, Picture))
+    words = [one for one in picture.figure.axes[0].texts if one.get_text() == "needed to be named"]
+    assert [one.get_position()[0] for one in words] == pytest.approx(marked)
+
+
 def test_the_flight_is_told_with_what_people_said_of_it(tmp_path: Path) -> None:
     folder = FlightFolder(tmp_path)
     folder.write(

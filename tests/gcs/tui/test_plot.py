@@ -19,7 +19,6 @@ from gcs.tui.plot import (
     View,
     bar,
     bars,
-    candidate_bars,
     chart,
     dots_across,
     envelope,
@@ -427,13 +426,6 @@ def test_bars_fit_any_box(style):
             assert [cell_len(line) for line in texts(rows)] == [width] * height
             assert style != "ascii" or "".join(texts(rows)).isascii()
     assert "7 more" in texts(bars(plot, 40, 3, style))[-1]
-
-
-def test_candidates_say_what_they_explain():
-    assert [one.text for one in candidate_bars([("a", 0.941, ""), ("b", None, "no alpha")]).bars] == [
-        "94 %",
-        "not testable  no alpha",
-    ]
 
 
 # ------------------------------------------------------------------------------------------------ from a comparison
