@@ -120,8 +120,7 @@ class Shares:
         """The candidate with the shares that it explains."""
         if one.fit is None:
             return one
-        E0, N = self.error_share, self.noise_share
-        share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
+        share = self._by_power(one)
         if share < self.least and one.fit.division.measured and self._powers_mean_little(one.fit):
             share = self._by_the_noise(one)
         if self.validation is None or one.validation_error is None:
@@ -151,6 +150,15 @@ class Shares:
         """How far it is from explaining all that can be explained, on fitted or on validation runs."""
         there = 1.0 if one.validation_share is None else one.validation_share
         return min(1.0, max(0.0, 1 - min(self._share(one), there)))
+
+    def left(self, one: Ranked) -> float:
+        """What it leaves of what can be explained, by power on the fitted runs or as it is `short`, whichever is more."""
+        return max(self.short(one), 1 - self._by_power(one))
+
+    def _by_power(self, one: Ranked) -> float:
+        assert one.fit is not None
+        E0, N = self.error_share, self.noise_share
+        return float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
 
     def _share(self, one: Ranked) -> float:
         """What it explains on the fitted runs; by the noise's own measure where that is little beside the noise, or
