@@ -121,25 +121,25 @@ def chains_of_two(
     say: Listener,
     budget: float | None = None,
     limit: Limit | None = None,
-    answered: bool = True,
+    named: Ranked | None = None,
 ) -> ChainSearch:
     """The best second effects on the best first ones, where those leave something that is not noise; best first.
 
     `budget`: base fits that this may cost, BUDGET where none is named; `limit`: changes of margins from which on what
-    is left matters. Where one effect is `answered`, nothing is looked for beside one that explains nearly all or leaves
-    crumbs; else what is significant beside the best is tried, however little it is by power, and with the best the one
-    that explains most on the validation runs.
+    is left matters. Where one effect is `named`, nothing is looked for where it explains nearly all or leaves crumbs;
+    else what is significant beside the best is tried, however little it is by power, and with the best the one that
+    explains most on the validation runs.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
-    if not able or (answered and _remainder(able[0], reference) < REMAINDER):
+    if not able or (named is not None and _remainder(named, reference) < REMAINDER):
         return ChainSearch()
-    if answered:  # else something is left that powers need not show: play, limits, what the rotor's speed changes
-        points = points_left(able[0], reference)
-        if points < CRUMBS or _harmless(able[0], points, limit or Limit()):
+    if named is not None:  # else something is left that powers need not show: play, limits, what rotor speed changes
+        points = points_left(named, reference)
+        if points < CRUMBS or _harmless(named, points, limit or Limit()):
             return ChainSearch(unsearched=LittleLeft(points))
-    chains = _Chains(fitted, reference, say, budget, answered)
-    if not answered and (other := _best_elsewhere(able)) is not None:
+    chains = _Chains(fitted, reference, say, budget, named is not None)
+    if named is None and (other := _best_elsewhere(able)) is not None:
         chains.fit(able[0], other)
     if not chains.search(able, fitted):
         return ChainSearch()  # the best one alone leaves noise

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from sysid.diagnose.candidates import REMAINDER, Ranked
 from sysid.diagnose.evidence import gain
 from sysid.diagnose.likely import CHANCE, SAME, misfit
-from sysid.diagnose.shares import least
+from sysid.diagnose.shares import contradicted, least
 
 EVIDENCE = 6.0
 """By which an entry must lower BIC to be an answer: less is chance among so many entries."""
@@ -57,8 +57,9 @@ def _more(pair: Ranked, single: Ranked) -> float:
 
 def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked], halves: Sequence[Ranked] = ()) -> Ranked:
     """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size; else a simpler
-    one that is plainly plausible and explains as much; and one that explains what can be explained before one that is
-    likelier by a hair and does not. `halves` of chains are what they explain alone."""
+    one that is plainly plausible and explains as much; and one that explains what can be explained, and is not
+    contradicted by the validation runs, before one that is likelier by a hair and does not, or is. `halves` of chains
+    are what they explain alone."""
     assert winner.stepped is not None
     stepped = winner.stepped
     near = max(SAME, 2 * misfit(winner, CHANCE))
@@ -81,7 +82,7 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked], halves: Seq
 
 def _explains(one: Ranked) -> bool:
     assert one.fit is not None
-    return (one.explained_share or 0.0) >= least(one.fit.division)
+    return (one.explained_share or 0.0) >= least(one.fit.division) and not contradicted(one)
 
 
 def _explains_instead(one: Ranked, winner: Ranked, near: float) -> bool:

@@ -158,8 +158,8 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
         return asked.finished(ChainSearch())
     answer = asked.answer
     say(_first(answer))
-    answered = answer.verdict == "missing"
-    chained = chains_of_two(answer.candidates, asked.reference, say, limit=limit, answered=answered)
+    named = answer.winner if answer.verdict == "missing" else None
+    chained = chains_of_two(answer.candidates, asked.reference, say, limit=limit, named=named)
     return asked.finished(chained, say)
 
 

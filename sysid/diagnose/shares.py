@@ -56,6 +56,11 @@ def least(left: Division) -> float:
     return EXPLAINED if left.measured else EXPLAINED_IN_A_LOOP
 
 
+def contradicted(one: Ranked) -> bool:
+    """Whether it explains too little of the validation runs, chance taken off."""
+    return one.validation_share is not None and min(1.0, one.validation_share + one.validation_slack) < VALIDATED
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shares:
     """Of the parent's error, what is noise and what can be explained; on the validation runs too."""
@@ -136,9 +141,7 @@ class Shares:
 
     def enough(self, one: Ranked) -> bool:
         """Whether it explains what can be explained, on fitted and on validation runs."""
-        if one.validation_share is not None and min(1.0, one.validation_share + one.validation_slack) < VALIDATED:
-            return False
-        return self._share(one) >= self.least and not self.outdone(one)
+        return not contradicted(one) and self._share(one) >= self.least and not self.outdone(one)
 
     def outdone(self, one: Ranked) -> bool:
         """Whether others, or simple terms, explain so much more at the same cost that it can only resemble what is
@@ -152,7 +155,7 @@ class Shares:
         return min(1.0, max(0.0, 1 - min(self._share(one), there)))
 
     def left(self, one: Ranked) -> float:
-        """What it leaves of what can be explained, by power on the fitted runs or as it is `short`, whichever is more."""
+        """What it leaves of what can be explained: by power on the fitted runs, or `short`, whichever is more."""
         return max(self.short(one), 1 - self._by_power(one))
 
     def _by_power(self, one: Ranked) -> float:
