@@ -46,6 +46,10 @@ is taken from the same runs then, and takes up part of what some effects do."""
 CHAIN_NAMED = 0.5
 """At least, to name a chain of two: of 22 training strangers from 3000 to 9020, four of four below were wrong, and
 right ones began at 0.90, unstable ones apart; of hundreds of chains one resembles nearly anything."""
+CHAIN_LEAVES, BEYOND_CHANCE = 0.04, 2.5
+"""Share of chi squared that a chain leaves beyond noise, from which on, where that is so many standard deviations more
+than noise, it names nothing: of 49 chains that were named on the 764 strangers of SINGLE the six that left so much all
+stood for what the catalogue does not have; right ones left 0.07 within 2.1 deviations, or 0.01 at 4."""
 CHAIN_CONFIDENCE, CHAIN_RIGHT = (-1.9, 1.3, -5.0), 0.9
 """Logit as above, of two right halves, and its most: leads of a chain are over single effects alone, and of all that
 its halves could be exchanged for only a few are fitted. Of 27 named on training strangers below 40,000 at 0.8 and more
@@ -81,6 +85,13 @@ def of_single(ratio: float, left: float, among: Class) -> float:
 def of_chain(ratio: float, short: float, among: Class) -> float:
     """That both of two effects are right."""
     return CHAIN_RIGHT * _logistic(CHAIN_CONFIDENCE, ratio, short) * among.right
+
+
+def leaves_more(winner: Ranked) -> bool:
+    """Whether two effects surely leave so much that they only resemble what is there."""
+    surely = misfit(winner, BEYOND_CHANCE) > 0
+    left = misfit(winner)
+    return surely and left > CHAIN_LEAVES * (winner.chi_squared + left)
 
 
 def of_complete(chance: float, measured: bool) -> float:

@@ -18,6 +18,7 @@ from sysid.diagnose.confidence import (
     NAMED_IN_A_LOOP,
     UNTOLD_RIGHT,
     lead,
+    leaves_more,
     of_chain,
     of_complete,
     of_named,
@@ -90,7 +91,7 @@ class Diagnosis:
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
     outdone: bool = False
     """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or a chain of two
-    is little ahead of others."""
+    is little ahead of others, or leaves too much."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
@@ -268,7 +269,7 @@ def _answer(
     among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    doubtful = len(chain) > 1 and named < CHAIN_NAMED
+    doubtful = len(chain) > 1 and (named < CHAIN_NAMED or leaves_more(winner))
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",

@@ -17,8 +17,9 @@ from sysid.data.record import Record
 from sysid.diagnose import chains, shares, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
-from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.diagnose import _under, diagnose
 from sysid.diagnose.loop_change import MarginChange
+from sysid.diagnose.progress import unheard
 from sysid.diagnose.score import Score
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
@@ -59,6 +60,31 @@ def test_a_chain_that_is_more_likely_wrong_is_not_named(flight: list[Record], mo
     assert (found.verdict, found.effect) == ("unexplained", None)
     assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
     assert "more likely only resembles" in answer(found)
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_a_chain_that_leaves_much_is_not_named(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "leaves_more", lambda _: True)
+    found = asked(flight)
+    assert (found.verdict, found.effect, found.outdone) == ("unexplained", None, True)
+    assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_beside_a_name_that_leaves_nothing_no_chain_is_looked_for_though_another_is_likelier(
+    flight: list[Record],
+) -> None:
+    """Slow gusts made a dead band likelier than the play that was named; beside it, but not beside that, more seemed to
+    be left, and a chain took the name's place."""
+    found = asked(flight)
+    assert found.winner is not None
+    assert found.winner.fit is not None
+    whole = replace(found.candidates[0], effects=("servo_backlash",), fit=found.winner.fit)
+    reference = _under(found.whitening, found.parent, (), None)
+    assert chains.chains_of_two(found.candidates, reference, unheard, named=whole).pairs == ()
+    assert chains.chains_of_two(found.candidates, reference, unheard, named=found.candidates[0]).pairs
 
 
 @EFFECTS

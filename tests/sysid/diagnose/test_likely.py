@@ -16,6 +16,7 @@ from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.confidence import (
     COMPLETE_RIGHT,
     UNEXPLAINED_RIGHT,
+    leaves_more,
     of_complete,
     of_named,
     of_single,
@@ -271,6 +272,29 @@ def test_what_explains_all_is_named_before_what_is_likelier_by_a_hair() -> None:
     far = refitted("servo_backlash", 40.0, 2, explained_share=1.0)
     assert choice.winner([lag, inflow, far], []) is inflow
     assert choice.winner([lag, far], []) is lag
+
+
+def test_what_validation_runs_confirm_is_named_before_what_is_likelier_by_a_hair_and_contradicted() -> None:
+    """Play that a dead band of twice its width nearly is: 4 of chi squared 1981 likelier, at 0.1 of what can be
+    explained on the validation runs."""
+    band = refitted("servo_deadband", 0.0, 0, explained_share=0.997, validation_share=0.1, validation_slack=0.13)
+    play = refitted("servo_backlash", 4.0, 1, explained_share=1.0, validation_share=1.0, added=2)
+    far = refitted("stabiliser_bar", 40.0, 2, explained_share=1.0, validation_share=1.0)
+    assert choice.winner([band, play, far], []) is play
+    assert choice.winner([replace(band, validation_slack=0.5), play], []) is not play, "by chance alone"
+    assert choice.winner([band, far], []) is band, "surely told apart"
+    assert choice.winner([band, replace(play, validation_share=0.2)], []) is band, "no better"
+
+
+@pytest.mark.parametrize(
+    ("left", "of", "more"),
+    [(144.0, 2500.0, True), (60.0, 730.0, False), (81.0, 11_000.0, False), (76.0, 880.0, True)],
+    ids=["servos that no lag fits", "within chance", "nearly all", "a lag and a limit"],
+)
+def test_a_chain_that_surely_leaves_much_names_nothing(left: float, of: float, more: bool) -> None:
+    """Chi squared beyond 306 degrees that is left, and that is explained, of chains named on strangers."""
+    fit = cast(Candidate, SimpleNamespace(division=SimpleNamespace(chi_squared=306.0 + left, degrees=306)))
+    assert leaves_more(refitted("servo_lag", fit=fit, chi_squared=of)) == more
 
 
 def test_powers_tell_play_from_a_dead_band() -> None:
