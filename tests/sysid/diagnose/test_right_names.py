@@ -11,7 +11,7 @@ from strangers.flights import fly
 
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import by_noise, candidates, diagnose, reach, refits, score, size_check, verdict
+from sysid.diagnose import by_noise, candidates, choice, diagnose, reach, refits, score, size_check, verdict
 from sysid.diagnose.chains import BudgetSpent
 from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import FitError
@@ -49,6 +49,13 @@ LATE_MOTORS = 4003678
 """A quadrotor whose motors lag by 72 ms, in gusts in bursts."""
 LOUD_MODES = 4003647
 """A helicopter with modes at 9.3 and 8.5 Hz, far above gusts in bursts; every fifth sample is logged."""
+
+PLAY_IN_GUSTS = 4020041
+"""A helicopter with play of 1.4 % of the command to either side, in gusts of 2.3 times the usual."""
+PLAY_IN_SLOW_GUSTS = 4020021
+"""A helicopter with play of 1.2 %, in slow gusts; every second sample is logged."""
+LAZY_SERVOS = 4000111
+"""A helicopter whose servos run the slower the smaller their error, by its root."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -268,3 +275,44 @@ def test_a_mode_that_no_burst_makes_is_begun_where_it_explains_most(monkeypatch:
     most = promised()
     monkeypatch.setattr(score, "BEYOND_BURSTS", -math.inf)
     assert promised() < 0.1 * most
+
+
+PLAYS = ("servo_backlash", "servo_deadband")
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [PLAYS], indirect=True)
+def test_play_is_named_before_a_dead_band_that_validation_runs_contradict(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(PLAY_IN_GUSTS)
+    assert (found.verdict, found.effect) == ("missing", "servo_backlash")
+    assert found.winner is not None
+    assert found.winner.values["half_width"] == pytest.approx(0.0142, rel=0.1)
+    monkeypatch.setattr(choice, "contradicted", lambda _: False)
+    likeliest = asked(PLAY_IN_GUSTS)
+    assert (likeliest.verdict, likeliest.chain) == ("unexplained", ("servo_deadband",))
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [(*PLAYS, "servo_lag")], indirect=True)
+def test_no_chain_takes_the_place_of_a_name_that_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(PLAY_IN_SLOW_GUSTS)
+    assert (found.verdict, found.chain) == ("missing", ("servo_backlash",))
+    real = diagnose.chains_of_two
+
+    def beside_the_likeliest(singles: Any, *of: Any, **how: Any) -> Any:
+        return real(singles, *of, **{**how, "named": singles[0]})
+
+    monkeypatch.setattr(diagnose, "chains_of_two", beside_the_likeliest)
+    assert "servo_deadband" in asked(PLAY_IN_SLOW_GUSTS).chain
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_rate_limit", "lag_per_axis")], indirect=True)
+def test_servos_that_no_lag_and_no_limit_fits_are_not_called_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(LAZY_SERVOS)
+    assert (found.verdict, set(found.chain)) == ("unexplained", {"servo_rate_limit", "lag_per_axis"})
+    monkeypatch.setattr(verdict, "leaves_more", lambda _: False)
+    assert asked(LAZY_SERVOS).verdict == "missing"
