@@ -26,6 +26,9 @@ SLOW_S = 1 / 220
 """Samples of a log that no loop of a flying vehicle is likely to share."""
 EVERY_LOOP = 0.8
 """Of a sample: a loop that takes longer was logged whole, but for a few samples."""
+STEP, STEP_SHARE, REACH = 3.0, 0.2, 3
+"""Between two samples a command steps that changes by so many times what it does on either side, and by so much of its
+range; for so many samples around it a spline is not drawn, which would shoot beyond."""
 DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e", "excitation_c", "excitation_r")
 RESPONSE = "response"
@@ -97,11 +100,16 @@ class Segment:
     def _between(self, logged: FloatArray) -> FloatArray:
         """Samples (rows, n) of what moves on between them, at every loop."""
         # heavier than NumPy itself to load: only where it is needed
-        from scipy.interpolate import CubicSpline
+        from scipy.interpolate import CubicSpline, PchipInterpolator
 
-        at = np.arange(self.samples * self.finer) / self.finer
-        between = CubicSpline(np.arange(self.samples), logged, axis=1)
-        return np.asarray(between(np.minimum(at, self.samples - 1)))
+        at = np.minimum(np.arange(self.samples * self.finer) / self.finer, self.samples - 1)
+        number = np.arange(self.samples)
+        between = np.asarray(CubicSpline(number, logged, axis=1)(at))
+        for row, one in enumerate(logged):
+            stepping = _beside_steps(one)[np.minimum(at.astype(int), self.samples - 2)]
+            if np.any(stepping):  # a spline shoots beyond a step, and play would follow it there
+                between[row, stepping] = PchipInterpolator(number, one)(at[stepping])
+        return between
 
     def bins(self, rows: FloatArray, count: int) -> ComplexArray:
         """Samples (rows, n), or those of `as_held`, to so many Fourier bins from zero on, (rows, count)."""
@@ -172,6 +180,17 @@ class Spectrum:
         whole = np.zeros((bins.shape[0], self.samples // 2 + 1), dtype=complex)
         whole[:, self.first : self.first + bins.shape[1]] = bins
         return np.asarray(irfft(whole, self.samples, axis=1))
+
+
+def _beside_steps(row: FloatArray) -> NDArray[np.bool_]:
+    """Intervals between samples (n,) that are near a step, (n - 1,)."""
+    change = np.abs(np.diff(row))
+    wide = np.concatenate([[0.0], change, [0.0]])
+    steps = (change > STEP * np.maximum(wide[:-2], wide[2:])) & (change > STEP_SHARE * np.ptp(row))
+    near = np.zeros(change.size, dtype=bool)
+    for at in np.flatnonzero(steps):
+        near[max(0, at - REACH) : at + REACH + 1] = True
+    return near
 
 
 def held_s(dt: float, record: Record) -> float:

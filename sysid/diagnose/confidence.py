@@ -18,9 +18,6 @@ SINGLE = (1.0, 1.8, -3.0)
 """The same as it is told of a single effect that is named. What it leaves counts by power, too: what explains much by
 the noise's measure and little by power often only resembles what is there. Set on all 424 such names on 764 strangers
 that five judgements had spent; 404 were right, 256 of 257 from a lead of 1.5 on and 148 of 167 below it."""
-RESEMBLES = 0.45
-"""By these numbers, whatever its class: below it a single effect names nothing. Of those 424 three were below it, all
-of them wrong; right ones began at 0.50."""
 UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
 """How often these verdicts were right there, where nothing speaks against them."""
 COMPLETE_IN_A_LOOP_RIGHT = 0.95
@@ -88,11 +85,6 @@ def of_single(ratio: float, left: float, among: Class) -> float:
 def of_chain(ratio: float, short: float, among: Class) -> float:
     """That both of two effects are right."""
     return CHAIN_RIGHT * _logistic(CHAIN_CONFIDENCE, ratio, short) * among.right
-
-
-def resembles(ratio: float, left: float) -> bool:
-    """Whether a single effect more likely only resembles what is there."""
-    return _logistic(SINGLE, ratio, left) < RESEMBLES
 
 
 def leaves_more(winner: Ranked) -> bool:

@@ -28,6 +28,9 @@ VAGUE = 0.2
 """Of what can be explained, that a fit's own numbers may leave by chance, above which powers do not tell;"""
 VALIDATED = 0.5
 """and on validation runs alone: another amplitude shows a nonlinear effect that is only nearly the right one."""
+HALF = 0.5
+"""Of what can be explained, that is in doubt at most where powers mean little: six of nine such names on strangers that
+judgements had spent were right."""
 LITTLE = 0.05
 """Explainable power over noise, below which powers are too uncertain to divide."""
 OF_MOST = 0.75
@@ -155,8 +158,13 @@ class Shares:
         return min(1.0, max(0.0, 1 - min(self._share(one), there)))
 
     def left(self, one: Ranked) -> float:
-        """What it leaves of what can be explained: by power on the fitted runs, or `short`, whichever is more."""
-        return max(self.short(one), 1 - self._by_power(one))
+        """What it leaves of what can be explained: by power on the fitted runs, HALF at most where powers mean little,
+        or `short`, whichever is more."""
+        assert one.fit is not None
+        by_power = 1 - self._by_power(one)
+        if by_power > HALF and one.fit.division.measured and self._powers_mean_little(one.fit):
+            by_power = HALF
+        return max(self.short(one), by_power)
 
     def _by_power(self, one: Ranked) -> float:
         assert one.fit is not None

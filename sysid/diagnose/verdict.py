@@ -24,7 +24,6 @@ from sysid.diagnose.confidence import (
     of_named,
     of_single,
     of_unexplained,
-    resembles,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, Class, declared, near, where_samples_are_lost
@@ -91,8 +90,8 @@ class Diagnosis:
     lead: float | None
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
     outdone: bool = False
-    """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or it is little
-    ahead of others and explains little by power, or, a chain of two, is little ahead or leaves too much."""
+    """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or a chain of two
+    is little ahead of others, or leaves too much."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
@@ -270,10 +269,7 @@ def _answer(
     among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    if len(chain) == 1:
-        doubtful = resembles(ratio, shares.left(winner))
-    else:
-        doubtful = named < CHAIN_NAMED or leaves_more(winner)
+    doubtful = len(chain) > 1 and (named < CHAIN_NAMED or leaves_more(winner))
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",

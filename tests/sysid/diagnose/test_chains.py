@@ -14,7 +14,7 @@ from planted_fits import records
 
 from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
-from sysid.diagnose import chains, confidence, shares, verdict
+from sysid.diagnose import chains, shares, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
 from sysid.diagnose.diagnose import _under, diagnose
@@ -117,7 +117,6 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     monkeypatch.setattr(shares, "OF_MOST", 0.0)
-    monkeypatch.setattr(confidence, "RESEMBLES", 0.0)
     assert asked(flight).pairs == ()
 
 
