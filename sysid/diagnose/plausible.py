@@ -41,7 +41,7 @@ def out_of_reach(one: Candidate, names: Collection[str]) -> bool:
 def of_the_wrong_sign(effect: Effect, one: Candidate) -> frozenset[str]:
     """Its sizes, where physics allows one sign of them alone and each was found with the other: whatever their errors,
     the nearest that it allows is no effect at all, which explains nothing."""
-    sizes = [each for each in effect.parameters if each.sizes and each.name in one.free]
+    sizes = [each for each in effect.parameters if each.sizes and each.name not in one.held]
     found = sizes and all(each.null in each.plausible and each.plausible[0] < each.plausible[1] for each in sizes)
     wrong = found and all(_beyond_none(each, one) for each in sizes)
     return frozenset(each.name for each in sizes) if wrong else frozenset()

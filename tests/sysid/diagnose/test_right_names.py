@@ -57,6 +57,9 @@ PLAY_IN_SLOW_GUSTS = 4020021
 LAZY_SERVOS = 4000111
 """A helicopter whose servos run the slower the smaller their error, by its root."""
 
+DELAY_OF_FAST_SERVOS = 4020686
+"""A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
+
 
 def asked(seed: int) -> Diagnosis:
     return ask(fly(seed)).first
@@ -316,3 +319,20 @@ def test_servos_that_no_lag_and_no_limit_fits_are_not_called_both(monkeypatch: p
     assert (found.verdict, set(found.chain)) == ("unexplained", {"servo_rate_limit", "lag_per_axis"})
     monkeypatch.setattr(verdict, "leaves_more", lambda _: False)
     assert asked(LAZY_SERVOS).verdict == "missing"
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    "only_effects", [("gyro_lag", "transport_delay", "gyro_filter", "dynamic_inflow")], indirect=True
+)
+def test_inflow_that_pushes_is_no_lateness_though_it_ended_at_its_bound() -> None:
+    """There it has no standard error, and is not free; it made a fourth in the class."""
+    found = asked(DELAY_OF_FAST_SERVOS)
+    (inflow,) = [one for one in found.candidates if one.effect == "dynamic_inflow"]
+    assert inflow.fit is not None
+    assert "k_l" in inflow.fit.estimate.at_bound
+    assert "k_l" in inflow.implausible
+    assert found.verdict == "missing"
+    assert "transport_delay" in (found.effect, *found.not_told)
+    assert "dynamic_inflow" not in found.not_told
