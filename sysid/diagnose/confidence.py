@@ -18,14 +18,16 @@ SINGLE = (1.0, 1.8, -3.0)
 """The same as it is told of a single effect that is named. What it leaves counts by power, too: what explains much by
 the noise's measure and little by power often only resembles what is there. Set on all 424 such names on 764 strangers
 that five judgements had spent; 404 were right, 256 of 257 from a lead of 1.5 on and 148 of 167 below it."""
-UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
-"""How often these verdicts were right there, where nothing speaks against them."""
-COMPLETE_IN_A_LOOP_RIGHT = 0.95
-"""The same where no excitation is logged. It hangs on how many flights lack nothing: of 43 such answers 37 were right
-where one flight in three did (0.92 was said), and of 378, logged and not, 372 where three in five did (0.90)."""
-NOTHING_SHOWN, DOUBTFUL = math.log(0.1), math.log(0.02)
-"""Logarithms of the chance of noise: down to the first all of 13 strangers with seeds below 4000 were rightly called
-complete, from the second on 4 of 8."""
+UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.99
+"""How often these verdicts were right there, where nothing speaks against them; of 671 strangers with a logged
+excitation that were called complete, and showed nothing, 670."""
+COMPLETE_IN_A_LOOP_RIGHT = 0.98
+"""The same where no excitation is logged: all of 672. Either hangs on how many flights lack nothing, here three in
+five: of 43 such answers 37 were right where one flight in three did."""
+NOTHING_SHOWN, DOUBTFUL = math.log(0.05), math.log(0.02)
+"""Logarithms of the chance of noise: down to the first those were rightly called complete, from the second on"""
+NEARLY_TOLD = 0.85
+"""so many: 71 of 73 were, but of the first strangers that were flown 4 of 8."""
 IN_DOUBT = 0.5
 VETO_RIGHT = 0.7
 """Of an effect that leaves noise, how likely a veto against it is right: 4 of 5 were, of training strangers from 3000
@@ -99,7 +101,7 @@ def of_complete(chance: float, measured: bool) -> float:
     much, and the noise is `measured` where excitation is logged: what is not quite enough to be told is doubt."""
     told = (NOTHING_SHOWN - chance) / (NOTHING_SHOWN - DOUBTFUL)
     most = COMPLETE_RIGHT if measured else COMPLETE_IN_A_LOOP_RIGHT
-    return most - (most - IN_DOUBT) * min(1.0, max(0.0, told))
+    return most - (most - NEARLY_TOLD) * min(1.0, max(0.0, told))
 
 
 def of_unexplained(winner: Ranked | None, chance: float, named: float) -> float:
