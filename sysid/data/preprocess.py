@@ -103,10 +103,10 @@ class Segment:
         from scipy.interpolate import CubicSpline, PchipInterpolator
 
         at = np.minimum(np.arange(self.samples * self.finer) / self.finer, self.samples - 1)
-        number = np.arange(self.samples)
+        number, interval = np.arange(self.samples), np.minimum(at.astype(int), self.samples - 2)
         between = np.asarray(CubicSpline(number, logged, axis=1)(at))
         for row, one in enumerate(logged):
-            stepping = _beside_steps(one)[np.minimum(at.astype(int), self.samples - 2)]
+            stepping = _beside_steps(one)[interval]
             if np.any(stepping):  # a spline shoots beyond a step, and play would follow it there
                 between[row, stepping] = PchipInterpolator(number, one)(at[stepping])
         return between

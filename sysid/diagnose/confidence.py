@@ -28,7 +28,6 @@ NOTHING_SHOWN, DOUBTFUL = math.log(0.05), math.log(0.02)
 """Logarithms of the chance of noise: down to the first those were rightly called complete, from the second on"""
 NEARLY_TOLD = 0.85
 """so many: 71 of 73 were, but of the first strangers that were flown 4 of 8."""
-IN_DOUBT = 0.5
 VETO_RIGHT = 0.7
 """Of an effect that leaves noise, how likely a veto against it is right: 4 of 5 were, of training strangers from 3000
 to 5120."""

@@ -19,14 +19,16 @@ import numpy as np
 
 from sysid.control.stability import Margins, closed_loop
 from sysid.diagnose.chains import LITTLE_POINTS
-from sysid.diagnose.confidence import COMPLETE_RIGHT, IN_DOUBT
+from sysid.diagnose.confidence import COMPLETE_RIGHT
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.loop_change import UPPER, Limit, MarginChange, held_gains, of_margins, seen
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.result import finite
 
 WELL_KNOWN = 0.95
-"""Confidence at most, where something is left that is seen and bounded by its 95 % limit."""
+"""Confidence at most, where something is left that is seen and bounded by its 95 % limit;"""
+IN_DOUBT = 0.5
+"""where it is hardly seen."""
 HIDES = 0.04
 """How often something hides behind a fit that is called complete: in 6 of 378 strangers of which three in five lacked
 nothing, in 32 of 286 where one in three did."""

@@ -82,9 +82,9 @@ class Told(Open, frozen=True, kw_only=True):
 
     @property
     def only_noise(self) -> bool:
-        """Whether nothing that is left is more than noise."""
-        seldom = self.log10_chance is None or self.log10_chance * math.log(10) < SIGNIFICANT
-        return self.verdict == "complete" and not seldom
+        """Whether it is complete because nothing that is left is more than noise."""
+        chance = self.log10_chance
+        return self.verdict == "complete" and chance is not None and chance * math.log(10) >= SIGNIFICANT
 
     @property
     def answer(self) -> str:

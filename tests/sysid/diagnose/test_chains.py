@@ -99,8 +99,9 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     assert found.winner is not None
     best = found.winner.fit
     assert best is not None
-    left = max(found.noise_floor_percent[axis] - best.nrmse_percent[axis] for axis in ("p", "q"))
-    assert found.unsearched.points == pytest.approx(left, rel=0.05)  # its own noise, the floor is the likeliest's
+    noise = dict(zip(("p", "q"), best.division.noise_share, strict=True))  # its own: the floor is the likeliest's
+    left = max((100 - best.nrmse_percent[axis]) * (1 - share**0.5) for axis, share in noise.items())
+    assert found.unsearched.points == pytest.approx(left, abs=0.01)
     assert found.to_json()["unsearched_chains"] == {"reason": "little left", "points": found.unsearched.points}
     assert found.to_json()["first_answer"] is None
 

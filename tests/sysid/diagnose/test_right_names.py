@@ -50,15 +50,13 @@ LATE_MOTORS = 4003678
 """A quadrotor whose motors lag by 72 ms, in gusts in bursts."""
 LOUD_MODES = 4003647
 """A helicopter with modes at 9.3 and 8.5 Hz, far above gusts in bursts; every fifth sample is logged."""
-
 PLAY_IN_GUSTS = 4020041
 """A helicopter with play of 1.4 % of the command to either side, in gusts of 2.3 times the usual."""
 PLAY_BETWEEN_SAMPLES = 4020708
 """A helicopter of 90 kg with play of 0.9 %; every fourth sample is logged."""
 LAZY_SERVOS = 4000111
 """A helicopter whose servos run the slower the smaller their error, by its root."""
-
-DELAY_OF_FAST_SERVOS = 4020686
+SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
 
@@ -327,7 +325,7 @@ def test_servos_that_no_lag_and_no_limit_fits_are_not_called_both(monkeypatch: p
 )
 def test_inflow_that_pushes_is_no_lateness_though_it_ended_at_its_bound() -> None:
     """There it has no standard error, and is not free; it made a fourth in the class."""
-    found = asked(DELAY_OF_FAST_SERVOS)
+    found = asked(SHORT_DELAY)
     (inflow,) = [one for one in found.candidates if one.effect == "dynamic_inflow"]
     assert inflow.fit is not None
     assert "k_l" in inflow.fit.estimate.at_bound
