@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import strangers
-from planted import NOMINAL_OMEGA, SIGNALS, TABLE_4, equations, in_numbers
+from planted import NOMINAL_OMEGA, SIGNALS, TABLE_4, Array, equations, in_numbers
+from scipy.optimize import least_squares
 from strangers import vehicles
 from strangers.detect import DETECTABLE
 from strangers.flights import KINDS, Stranger, fly, ground_of, planned
+from strangers.flying import flown
 from strangers.hiding import CATALOGUE, FOREIGN, NEWER, NOTHING, Hidden, may_stand_together
 
 CLEAN = 21
@@ -80,6 +82,30 @@ def test_a_size_is_as_detectable_as_was_asked_for() -> None:
     assert flight.detectability == pytest.approx(flight.plan.targets[0], rel=0.3)
 
 
+def test_what_the_base_makes_of_it_at_other_values_is_not_detectable() -> None:
+    """A damping that moves the base far; against flights alone, without slopes, from another base than the truth."""
+    plan = planned(CLEAN, ("angular_damping",))
+    ground = ground_of(plan)
+    hidden = Hidden(("angular_damping",), ({"L_p": -10.0, "M_q": -10.0},))
+    effect = flown(plan.vehicle, hidden, ground.still, ground.loop)
+    commanded = replace(ground.still, excitation=effect.commands - ground.loop.trim_of(effect.commands))
+
+    def left(scales: Array) -> Array:
+        table = dict(plan.vehicle.table) | {
+            name: plan.vehicle.table[name] * scale for name, scale in zip(plan.vehicle.parameters, scales, strict=True)
+        }
+        base = flown(replace(plan.vehicle, table=table), NOTHING, commanded, replace(ground.loop, closed=False))
+        wanted = (
+            np.fft.rfft(effect.measured - base.measured, axis=0)[ground.bins] * np.sqrt(2 / ground.noise)[..., None]
+        )
+        return np.concatenate([wanted.real.ravel(), wanted.imag.ravel()])
+
+    ones = np.ones(len(plan.vehicle.parameters))
+    least = 2 * float(least_squares(left, 1.05 * ones).cost)
+    assert ground.shown(hidden) == pytest.approx(least, rel=0.02)
+    assert least < 0.5 * float(np.sum(left(ones) ** 2))
+
+
 def test_of_two_that_make_the_same_neither_is_detectable_beside_the_other() -> None:
     ground = ground_of(planned(CLEAN, ("servo_lag",)))
     lag, late, coupled = (
@@ -101,8 +127,8 @@ def test_lateness_that_an_untold_loop_leaves_open_is_not_detectable() -> None:
     assert (plan.loop_hz, plan.log_hz, plan.loop_told) == (500, 50, False)
     a_little, more = (Hidden(("servo_lag",), ({"tau_s": tau},)) for tau in (0.004, 0.03))
     untold, told = ground_of(plan), ground_of(replace(plan, loop_told=True))
-    assert untold.chi_squared(a_little) < 0.1 * told.chi_squared(a_little)
-    assert untold.chi_squared(more) > 10 * DETECTABLE
+    assert untold.shown(a_little) < 0.1 * told.shown(a_little)
+    assert untold.shown(more) > 10 * DETECTABLE
 
 
 def test_a_log_has_the_rate_and_the_channels_of_its_plan() -> None:
@@ -145,7 +171,7 @@ def test_a_turned_swashplate_is_the_base_s_own_and_nothing_is_missing() -> None:
     base = equations(None, {}, False, flight.plan.vehicle.table)
     turned = flight.hidden.equations(flight.plan.vehicle)
     assert [turned.rows[tilt] == base.rows[tilt] for tilt in "ab"] == [False, False]
-    assert ground_of(flight.plan).chi_squared(flight.hidden) < 0.05 * DETECTABLE  # the window lets some through
+    assert ground_of(flight.plan).shown(flight.hidden) < 0.05 * DETECTABLE  # the window lets some through
 
 
 def test_what_has_late_motors_is_a_quadrotor() -> None:

@@ -3,20 +3,23 @@
 The vehicle with the effect flies its maneuvers in its loop in still air; the base answers to the same commands, and
 what is left is divided by the spectrum of what gusts and gyro noise leave of the base, and of what folds back into the
 band where the log has not every sample of the loop: noise on the excitation between samples moves the vehicle, and
-nobody knows it. What the base's own parameters could make of it is taken away, and so is lateness of all commands that
-the log leaves open: where it does not tell its loop, commands held for a sample of the log act later than they did. The
-sum is chi squared, expected above the noise; DETECTABLE of it counts 1. Of two, each is measured beside the other: the
-vehicle with the other alone answers, and what other sizes of that could make is taken away as well.
+nobody knows it. What the base's own parameters could make of it, at the values where they make most, is taken away, and
+so is lateness of all commands that the log leaves open: where it does not tell its loop, commands held for a sample of
+the log act later than they did. The sum is chi squared, expected above the noise; DETECTABLE of it counts 1. Of two,
+each is measured beside the other: the vehicle with the other alone answers, and what slopes of the base and of the
+other's sizes could make is taken away.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from planted import Array, in_numbers
-from scipy.optimize import minimize_scalar
+from scipy.optimize import least_squares, minimize_scalar
 
 from strangers.flying import Air, Loop, flown
 from strangers.hiding import NOTHING, Hidden
@@ -27,6 +30,10 @@ DETECTABLE = 45.0
 SMOOTH_HZ = 1.0
 A_LITTLE = 0.01
 """Of each parameter, to difference by."""
+MOVES = 60
+"""Of the base's parameters, to where they make most of what is hidden."""
+HUGE = 1e9
+"""What a base leaves that runs away, in units of noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +70,8 @@ class Ground:
         return cls(vehicle=vehicle, still=air.still, loop=loop, bins=inside, noise=smooth[inside], untold_s=untold_s)
 
     def chi_squared(self, hidden: Hidden, known: Hidden = NOTHING) -> float:
-        """Of what is hidden, beyond what is `known` of it by name; infinite where the vehicle does not hold."""
+        """Of what is hidden, beyond what is `known` of it by name and what slopes of the base at the truth imitate:
+        sizes are drawn by it. Infinite where the vehicle does not hold."""
         effect = flown(self.vehicle, hidden, self.still, self.loop)
         if not effect.holds:
             return float("inf")
@@ -73,7 +81,9 @@ class Ground:
         weight = np.sqrt(2 / self.noise)[..., None]
         seen, expected = (np.fft.rfft(one.measured, axis=0)[self.bins] for one in (effect, base))
         moved = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
-        slopes = [np.einsum("kij,kjr->kir", slope, moved) * weight for slope in self._slopes()]
+        slopes = [
+            np.einsum("kij,kjr->kir", slope, moved) * weight for slope in self._slopes(self.vehicle.table, self._little)
+        ]
         for other in _other_sizes(known):
             answer = flown(self.vehicle, other, commanded, openly).measured
             slopes.append(np.fft.rfft(answer - base.measured, axis=0)[self.bins] * weight)
@@ -88,18 +98,68 @@ class Ground:
             return left(0.0)
         return float(minimize_scalar(left, bounds=(0.0, self.untold_s), method="bounded").fun)
 
+    def shown(self, hidden: Hidden) -> float:
+        """Chi squared of what is hidden, beyond all that the base imitates, wherever its parameters have to go for it;
+        infinite where the vehicle does not hold."""
+        effect = flown(self.vehicle, hidden, self.still, self.loop)
+        if not effect.holds:
+            return float("inf")
+        commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
+        seen = np.fft.rfft(effect.measured, axis=0)[self.bins]
+        here = np.zeros(len(self.vehicle.parameters))
+        low, high = np.full(here.size, -np.inf), np.full(here.size, np.inf)
+        if self.untold_s:
+            here, low, high = np.append(here, 0.5), np.append(low, 0.0), np.append(high, 1.0)
+
+        @lru_cache(maxsize=2)
+        def beside(moved: tuple[float, ...]) -> tuple[Array, Array]:
+            with np.errstate(all="ignore"):  # a base that is not stable
+                left, slopes = self._beside(np.array(moved), seen, commanded)
+            return np.nan_to_num(left, nan=HUGE, posinf=HUGE, neginf=-HUGE), np.nan_to_num(slopes)
+
+        found = least_squares(
+            lambda x: beside(tuple(x.tolist()))[0],
+            here,
+            lambda x: beside(tuple(x.tolist()))[1],
+            bounds=(low, high),
+            x_scale="jac",
+            max_nfev=MOVES,
+        )
+        return 2 * float(found.cost)
+
+    def _beside(self, moved: Array, seen: NDArray[np.complex128], commanded: Air) -> tuple[Array, Array]:
+        """What the base, its parameters moved by so many times A_LITTLE, leaves of the rates seen (bins, 2, runs), in
+        units of noise, (N,), at a share of the lateness that the log leaves open; and its derivatives (N, moved)."""
+        table, little = dict(self.vehicle.table), self._little
+        for name, step in zip(self.vehicle.parameters, moved.tolist(), strict=False):
+            table[name] += step * little[name]
+        there, weight = replace(self.vehicle, table=table), np.sqrt(2 / self.noise)[..., None]
+        base = flown(there, NOTHING, commanded, replace(self.loop, closed=False)).measured
+        late_s = moved[-1] * self.untold_s if self.untold_s else 0.0
+        late = np.exp(-self._s * late_s)[:, None, None] * weight
+        expected = np.fft.rfft(base, axis=0)[self.bins] * late
+        command = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
+        made = [np.einsum("kij,kjr->kir", slope, command) * late for slope in self._slopes(table, little)]
+        if self.untold_s:
+            made.append(-self.untold_s * self._s[:, None, None] * expected)
+        return _real(seen * weight - expected), -np.stack([_real(one) for one in made], axis=1)
+
     @property
     def _s(self) -> NDArray[np.complex128]:
         """(bins,), 1/s."""
         return np.asarray(2j * np.pi * self.bins / (self.still.excitation.shape[0] * self.loop.dt))
 
-    def _slopes(self) -> list[NDArray[np.complex128]]:
-        table, dt = self.vehicle.table, self.loop.dt
-        here = _response(dict(table), self._s, dt)
-        return [
-            _response({**table, name: table[name] + (A_LITTLE * table[name] or A_LITTLE)}, self._s, dt) - here
-            for name in self.vehicle.parameters
-        ]
+    @property
+    def _little(self) -> dict[str, float]:
+        """A_LITTLE of each of the base's parameters."""
+        table = self.vehicle.table
+        return {name: A_LITTLE * table[name] or A_LITTLE for name in self.vehicle.parameters}
+
+    def _slopes(self, table: Mapping[str, float], little: Mapping[str, float]) -> list[NDArray[np.complex128]]:
+        """Of the base's response (bins, 2, 2) to so little of each parameter."""
+        s, dt = self._s, self.loop.dt
+        here = _response(dict(table), s, dt)
+        return [_response({**table, name: table[name] + step}, s, dt) - here for name, step in little.items()]
 
 
 def _other_sizes(known: Hidden) -> list[Hidden]:

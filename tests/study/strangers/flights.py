@@ -199,23 +199,22 @@ def fly(seed: int, only: tuple[str, ...] = ()) -> Stranger:
     air = _air(plan)
     ground = _ground(plan, air, loop) if plan.names else None
     draws = np.random.default_rng([STREAM, seed, 2]).random((2, 8))
-    sizes, shown = [], []
+    sizes = []
     for i, name in enumerate(plan.names):
         assert ground is not None
-        size, seen = _sized(plan, ground, name, plan.targets[i], draws[i])
-        sizes.append(size)
-        shown.append(seen)
-    if ground is not None and len(sizes) == 2:
-        shown += _beside_each_other(ground, Hidden(plan.names, tuple(sizes)))
-    return as_planned(plan, Hidden(plan.names, tuple(sizes)), air, min(shown) if shown else None)
+        sizes.append(_sized(plan, ground, name, plan.targets[i], draws[i]))
+    hidden = Hidden(plan.names, tuple(sizes))
+    return as_planned(plan, hidden, air, None if ground is None else detectability(ground, hidden))
 
 
-def _beside_each_other(ground: Ground, both: Hidden) -> list[float]:
-    """How well the flight shows each of two where the other is known; nothing where they do not fly together."""
-    found = [
-        ground.chi_squared(both, Hidden((name,), (size,))) for name, size in zip(both.names, both.sizes, strict=True)
-    ]
-    return [one / DETECTABLE for one in found if math.isfinite(one)]
+def detectability(ground: Ground, hidden: Hidden) -> float:
+    """How well the flight shows what is hidden, in times of DETECTABLE; the less of two, each by itself and where the
+    other is known, as far as they fly together."""
+    each = [Hidden((name,), (size,)) for name, size in zip(hidden.names, hidden.sizes, strict=True)]
+    found = [ground.shown(one) for one in each]
+    if len(each) == 2:
+        found += [one for one in (ground.chi_squared(hidden, known) for known in each) if math.isfinite(one)]
+    return min(found) / DETECTABLE
 
 
 def as_planned(plan: Plan, hidden: Hidden, air: Air | None = None, detectability: float | None = None) -> Stranger:
@@ -272,9 +271,9 @@ def _ground(plan: Plan, air: Air, loop: Loop) -> Ground:
     return Ground.of(plan.vehicle, fitted, loop, high_hz, every=plan.every, untold_s=untold_s)
 
 
-def _sized(plan: Plan, ground: Ground, name: str, target: float, draws: Array) -> tuple[Sizes, float]:
-    """Sizes that this flight shows about `target` times DETECTABLE, as far as vehicles have them; and how well it
-    does."""
+def _sized(plan: Plan, ground: Ground, name: str, target: float, draws: Array) -> Sizes:
+    """Sizes that this flight shows about `target` times DETECTABLE, by slopes of the base, as far as vehicles have
+    them."""
     entry = CATALOGUE.get(name) or FOREIGN[name]
     over_s = max(one.duration_s for one in plan.card) + 2 * REST_S
 
@@ -294,7 +293,7 @@ def _sized(plan: Plan, ground: Ground, name: str, target: float, draws: Array) -
         strength, most = strength / 2, strength / 2
         sizes, seen = at(strength)
     if getattr(entry, "fixed", False):
-        return sizes, seen
+        return sizes
     low, high = 0.0, math.inf
     for _ in range(SEARCHES):
         if target / NEAR < seen < target * NEAR:
@@ -311,7 +310,7 @@ def _sized(plan: Plan, ground: Ground, name: str, target: float, draws: Array) -
             most = (strength + wanted) / 2
             continue
         strength, sizes, seen = wanted, found, shown
-    return sizes, seen
+    return sizes
 
 
 def _logged(plan: Plan, air: Air, commands: Array, measured: Array, run: int) -> Mapping[str, Array]:
