@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
-from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step
+from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, nrmse_percent
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.plausible import of_the_wrong_sign, out_of_reach
 from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
@@ -264,7 +264,7 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
         error = validation_error(one.fit.model, reference.validation)
     except (RelaxationError, np.linalg.LinAlgError):
         return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
-    validated = dict(zip(one.fit.model.structure.outputs, map(float, error.nrmse_percent), strict=True))
+    validated = nrmse_percent(error, one.fit.model.structure)
     return replace(compared(one, reference), validation_nrmse_percent=validated, validation_error=error)
 
 

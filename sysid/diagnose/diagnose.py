@@ -43,10 +43,10 @@ from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.reach import in_reach
 from sysid.diagnose.refits import refit_serious
-from sysid.diagnose.shares import divided
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
+from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
 from sysid.fit.innovations import Innovations

@@ -173,8 +173,12 @@ class Candidate:
 
     @property
     def nrmse_percent(self) -> dict[str, float]:
-        outputs = self.model.structure.outputs
-        return dict(zip(outputs, map(float, self.estimate.error.nrmse_percent), strict=True))
+        return nrmse_percent(self.estimate.error, self.model.structure)
+
+
+def nrmse_percent(error: OutputError, structure: Structure) -> dict[str, float]:
+    """By output."""
+    return dict(zip(structure.outputs, map(float, error.nrmse_percent), strict=True))
 
 
 def error_share(error: OutputError) -> float:
@@ -332,6 +336,8 @@ class Stepped:
     """Where the excitation shows; None where none is logged."""
     on_samples: bool = False
     """Whether something in it acts on samples of the commands."""
+    taken: bool = True
+    """Whether the step was, or there was none to take."""
     _envelope: list[Envelope] = field(default_factory=list)
 
     @cached_property
@@ -369,16 +375,17 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     as they tell; none goes beyond its bounds, where a lag would be a lead."""
     white = White.of(one, whitening)
     J, Z, e, shown = white.J, white.Z, white.residual, white.shown
-    imposed = whitening([Y[None] for Y in one.Y_imposed])[0]
+    imposed, taken = whitening([Y[None] for Y in one.Y_imposed])[0], True
     if len(J):
         move = white.move(one)
         there = e - move @ J
         # a jump has no slope to follow; elsewhere gusts that feedback lets commands explain are no reason to stay
         gusts = shown is not None and one.model.structure.linear and white.power(there) < white.left
-        if gusts or there @ there < WORST_SETTLING * (e @ e):
+        taken = gusts or bool(there @ there < WORST_SETTLING * (e @ e))
+        if taken:
             e, imposed = there, imposed + move @ Z
     on_samples = any(effect.samples is not None for effect in one.model.structure.composed)
-    return Stepped(residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples)
+    return Stepped(residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples, taken=taken)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -8,17 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.dataset import Dataset
-from sysid.data.stacks import Stack
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
-from sysid.diagnose.evidence import Candidate, error_share
+from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.likely import misfit
-from sysid.diagnose.score import log_chance
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection
-from sysid.fit.noise import WINDOW_HZ, Division, divide
-from sysid.fit.output_error import OutputError
-from sysid.model.structure import FloatArray
+from sysid.diagnose.validated import SLACK, ByPower, ByWhatIsNew, validation_of
+from sysid.fit.noise import Division
 
 EXPLAINED, EXPLAINED_IN_A_LOOP = 0.9, 0.8
 """Of what can be explained, on the fitted runs, where the excitation is logged and where it is not: of 250 names of
@@ -37,10 +33,6 @@ OF_MOST = 0.75
 """Of the chi squared that others explain and pay for, or simple terms beside the likeliest do, that an answer explains:
 right answers on training strangers from 3000 to 8300 explained 0.78 and more (play beside a dead band; else 0.8), what
 only resembled something outside the catalogue 0.16 to 0.69, or all."""
-SLACK = 2.0
-"""Standard deviations."""
-BINS_FOR_EACH = 3
-"""Of validation runs, for each unknown of a window where their noise is measured."""
 BY_FEEDBACK = 0.15
 """Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
 logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
@@ -78,7 +70,7 @@ class Shares:
     terms: Selection | None
     mode: SlowMode | None
     """A slow mode beside the likeliest candidate, where it is surely no noise."""
-    validation: _Validation | None
+    validation: ByPower | ByWhatIsNew | None
     new_share: float
     """Of what past noise does not foretell, what is no noise: by the commands, or by the likeliest candidate."""
     most_explained: float
@@ -101,7 +93,6 @@ class Shares:
             mode = None
         noise = noise_shares(best, terms) if significant else residual_shares(best)
         floor = dict(zip(parent.model.structure.outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
-        on = reference.validation
         return cls(
             least=least(parent.division),
             error_share=parent.error_share,
@@ -109,7 +100,7 @@ class Shares:
             noise_floor_percent=floor,
             terms=terms,
             mode=mode,
-            validation=None if on is None else _Validation.of(fits, on, reference),
+            validation=validation_of(fits, reference),
             new_share=_new_share(candidates, reference),
             most_explained=max((one.chi_squared for one in fits), default=0.0),
             most_paid=max([_paid_with(terms, mode, likeliest, parent), *(-one.delta_bic for one in fits)]),
@@ -146,6 +137,16 @@ class Shares:
         """Whether it explains what can be explained, on fitted and on validation runs."""
         return not contradicted(one) and self._share(one) >= self.least and not self.outdone(one)
 
+    def may_be(self, one: Ranked) -> bool:
+        """Whether it may be the answer in place of one that is: it explains enough, or does by the noise's own measure,
+        where powers tell gusts: a filter whose corner the noise alone tells left as much power as its parent."""
+        if self.enough(one):
+            return True
+        if one.fit is None or contradicted(one) or self.outdone(one):
+            return False
+        steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
+        return steady and one.fit.division.measured and self._by_the_noise(one) >= self.least
+
     def outdone(self, one: Ranked) -> bool:
         """Whether others, or simple terms, explain so much more at the same cost that it can only resemble what is
         there: powers need not show that beside the noise."""
@@ -153,8 +154,9 @@ class Shares:
         return own < OF_MOST * (self.most_paid + one.delta_bic + one.chi_squared)
 
     def short(self, one: Ranked) -> float:
-        """How far it is from explaining all that can be explained, on fitted or on validation runs."""
-        there = 1.0 if one.validation_share is None else one.validation_share
+        """How far it is from explaining all that can be explained, on fitted runs or, chance taken off, on validation
+        runs."""
+        there = 1.0 if one.validation_share is None else one.validation_share + one.validation_slack
         return min(1.0, max(0.0, 1 - min(self._share(one), there)))
 
     def left(self, one: Ranked) -> float:
@@ -196,84 +198,6 @@ class Shares:
         return max(0.0, one.chi_squared) / max(self.most_explained, 1e-300)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Validation:
-    """Validation runs: what can be explained there, by the same measure as on the fitted runs."""
-
-    nrmse_percent: dict[str, float]
-    """The parent's."""
-    before: float
-    """The parent's error share."""
-    noise: float
-    scatter: float
-    """Of the noise's share from run to run, one standard deviation."""
-    divisions: tuple[tuple[OutputError, Division], ...]
-    """What each leaves there, divided: the parent, then the candidates."""
-    stacks: tuple[Stack, ...]
-
-    @classmethod
-    def of(cls, fits: Sequence[Ranked], on: Dataset, reference: Reference) -> _Validation:
-        """The noise is what the excitation does not explain of the least that anything leaves of these very runs: the
-        air was another when they were flown."""
-        error = reference.error
-        assert error is not None
-        outputs, before = reference.parent.model.structure.outputs, error_share(error)
-        left = [one.validation_error for one in fits if one.validation_error is not None]
-        divisions = [(each, reference.left(each)) for each in (error, *left)]
-        noise, least, division = min(
-            ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
-            key=lambda one: one[0],
-        )
-        level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
-        air = np.concatenate(level)  # (bins, k)
-        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
-        return cls(
-            nrmse_percent=dict(zip(outputs, map(float, error.nrmse_percent), strict=True)),
-            before=before,
-            noise=min(noise, before),
-            scatter=scatter,
-            divisions=tuple(divisions),
-            stacks=on.stacks,
-        )
-
-    def share(self, one: Ranked) -> tuple[float | None, float]:
-        """Of what can be explained there, None where the runs cannot tell; and how far off that may be by the chance
-        of the noise in these runs alone.
-
-        All of it, where the commands explain nothing of what is left: in gusts that is the sharper question.
-        """
-        assert one.validation_error is not None
-        left = next(division for error, division in self.divisions if error is one.validation_error)
-        if not left.measured:
-            return self._shown(one.validation_error, left)
-        slack = SLACK * self.scatter / max(self.before - self.noise, 1e-300)
-        if slack > 1:
-            return None, slack
-        if log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT:
-            return 1.0, slack
-        error = error_share(one.validation_error)
-        return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1)), slack
-
-    def _shown(self, after: OutputError, left: Division) -> tuple[float | None, float]:
-        """The same in a loop whose excitation nobody logged: what can be explained there is not known, for commands
-        explain gusts. But of what a candidate changes, how much shows there is: all of it where it is right, and as
-        much is added where nothing of it is there."""
-        parent = self.divisions[0][0]
-        change = gusts = 0.0
-        runs = [(group, part) for group in self.stacks for part in group.slices]
-        for (group, part), here, there in zip(runs, parent.residuals, after.residuals, strict=True):
-            level = np.real(np.einsum("fkk->fk", left.at(group.frequency_hz[part])))
-            power = np.abs(group.scale[part] * (there - here)).T ** 2  # (bins, k)
-            change += float(np.sum(power / parent.measured_power))
-            gusts += float(np.sum(power * level / parent.measured_power**2))
-        if change <= 0:
-            return None, math.inf
-        slack = SLACK * math.sqrt(2 * gusts) / change
-        if slack > 1:
-            return None, slack
-        return float(np.clip((self.before - error_share(after)) / change, -1, 1)), slack
-
-
 def _paid_with(terms: Selection | None, mode: SlowMode | None, likeliest: Ranked | None, parent: Candidate) -> float:
     """Chi squared of the simple terms, or a slow mode, beside the likeliest candidate, and of that, less what its
     parameters cost. How many there were to choose from is paid by their significance; in a loop they explain gusts,
@@ -302,19 +226,3 @@ def _left_by_chance(fit: Candidate) -> float:
         for group, J in zip(fit.dataset.stacks, fit.J, strict=True)
     )
     return float(np.sum(power / fit.estimate.error.measured_power))
-
-
-def _shares(error: OutputError) -> FloatArray:
-    """Residual over measured power by output."""
-    return np.asarray(error.residual_power / error.measured_power)
-
-
-def divided(error: OutputError, on: Dataset) -> Division:
-    """What is left of validation runs, divided."""
-    return divide(error, on.stacks, on.causes, _window_hz(on))
-
-
-def _window_hz(on: Dataset) -> float:
-    """Of windows that have bins enough to tell noise from an answer, however short the runs."""
-    unknown = 2 * len(on.causes.commands) + len(on.spectra)
-    return max(WINDOW_HZ, BINS_FOR_EACH * unknown / sum(one.segment.duration_s for one in on.spectra))

@@ -19,7 +19,7 @@ from sysid.data.dataset import Bins, Dataset, viewed
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.initial_states import begun
 from sysid.diagnose.score import log_chance
-from sysid.diagnose.shares import divided
+from sysid.diagnose.validated import divided
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.result import finite

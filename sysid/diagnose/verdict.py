@@ -15,6 +15,7 @@ from sysid.diagnose.chains import Unsearched
 from sysid.diagnose.confidence import (
     CHAIN_NAMED,
     IN_A_LOOP_RIGHT,
+    LEFT_OF_A_FORM,
     NAMED_IN_A_LOOP,
     UNTOLD_RIGHT,
     lead,
@@ -25,8 +26,8 @@ from sysid.diagnose.confidence import (
     of_single,
     of_unexplained,
 )
-from sysid.diagnose.evidence import Candidate, Stepped, gain
-from sysid.diagnose.likely import SAME, Class, declared, near, where_samples_are_lost
+from sysid.diagnose.evidence import Candidate, Stepped, gain, nrmse_percent
+from sysid.diagnose.likely import SAME, Class, declared, misfit, near, where_samples_are_lost
 from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares, least
@@ -226,7 +227,9 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
         noise_share=shares.noise_share,
         noise_floor_percent=shares.noise_floor_percent,
         validation=reference.validation,
-        validation_nrmse_percent=None if shares.validation is None else shares.validation.nrmse_percent,
+        validation_nrmse_percent=None
+        if reference.error is None
+        else nrmse_percent(reference.error, parent.model.structure),
         log_chance=chance,
         terms=shares.terms,
         mode=shares.mode,
@@ -330,8 +333,14 @@ def _hold(sizes: Sequence[Size]) -> bool:
 
 
 def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
-    """Whether a name is one by chance of what the loop alone could make."""
-    doubtful = confidence < NAMED_IN_A_LOOP or (bool(winner.outside) and chance > A_LOOP_MAKES)
+    """Whether a name is one by chance of what the loop alone could make: what it makes is of no entry's form, so that
+    one which leaves hardly any of much is told, however near others come."""
+    much = chance <= A_LOOP_MAKES
+    if winner.outside:
+        doubtful = not much or confidence < NAMED_IN_A_LOOP
+    else:
+        hardly = misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared
+        doubtful = not (much and hardly) and confidence < NAMED_IN_A_LOOP
     return doubtful and shares.by_feedback(reference.parent.division, chance)
 
 
@@ -349,5 +358,5 @@ def _compared(winner: Ranked, reference: Reference) -> tuple[Size, ...]:
 
 
 def _answers(peers: Sequence[Ranked], shares: Shares, enough: bool) -> Sequence[Ranked]:
-    """What would be named itself: beside a winner that is, no other is an answer."""
-    return [one for one in peers if one.fit is not None and shares.enough(one)] if enough else peers
+    """What may be named itself: beside a winner that is, no other is an answer."""
+    return [one for one in peers if one.fit is not None and shares.may_be(one)] if enough else peers

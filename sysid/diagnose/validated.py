@@ -1,0 +1,148 @@
+"""How much of what can be explained on the validation runs each candidate explains.
+
+Where their excitation is logged it is told by power. Where it is not, commands explain gusts there, too, and what a
+right effect changes goes with the gusts by way of the feedback: a change that is right may leave more power. So it is
+asked what is new in every sample (`sysid.fit.innovations`), of which the commands until then know nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.dataset import Dataset
+from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
+from sysid.diagnose.evidence import error_share
+from sysid.diagnose.score import log_chance
+from sysid.fit.innovations import Innovations, innovations
+from sysid.fit.noise import WINDOW_HZ, Division, divide
+from sysid.fit.output_error import OutputError
+from sysid.fit.whitening import Whitening
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import FloatArray, Model
+
+SLACK = 2.0
+"""Standard deviations."""
+BINS_FOR_EACH = 3
+"""Of validation runs, for each unknown of a window where their noise is measured."""
+
+Told = tuple[float | None, float]
+"""What a candidate explains of what can be explained, None where the runs cannot tell; and how far off that may be by
+the chance of the noise in these runs alone."""
+
+
+def validation_of(fits: Sequence[Ranked], reference: Reference) -> ByPower | ByWhatIsNew | None:
+    """The measure that these runs allow; None where there are none. `fits` are candidates that were refitted."""
+    on = reference.validation
+    if on is None:
+        return None
+    return ByWhatIsNew.of(fits, on, reference) if on.in_a_loop else ByPower.of(fits, on, reference)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ByPower:
+    """Runs whose excitation is logged: what can be explained there, by the same measure as on the fitted runs."""
+
+    before: float
+    """The parent's error share."""
+    noise: float
+    scatter: float
+    """Of the noise's share from run to run, one standard deviation."""
+    divisions: tuple[tuple[OutputError, Division], ...]
+    """What each leaves there, divided: the parent, then the candidates."""
+
+    @classmethod
+    def of(cls, fits: Sequence[Ranked], on: Dataset, reference: Reference) -> ByPower:
+        """The noise is what the excitation does not explain of the least that anything leaves of these very runs: the
+        air was another when they were flown."""
+        error = reference.error
+        assert error is not None
+        before = error_share(error)
+        left = [one.validation_error for one in fits if one.validation_error is not None]
+        divisions = [(each, reference.left(each)) for each in (error, *left)]
+        noise, least, division = min(
+            ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
+            key=lambda one: one[0],
+        )
+        level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
+        air = np.concatenate(level)  # (bins, k)
+        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
+        return cls(before=before, noise=min(noise, before), scatter=scatter, divisions=tuple(divisions))
+
+    def share(self, one: Ranked) -> Told:
+        """All of it, where the commands explain nothing of what is left: in gusts that is the sharper question."""
+        assert one.validation_error is not None
+        slack = SLACK * self.scatter / max(self.before - self.noise, 1e-300)
+        if slack > 1:
+            return None, slack
+        left = next(division for error, division in self.divisions if error is one.validation_error)
+        if log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT:
+            return 1.0, slack
+        error = error_share(one.validation_error)
+        return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1)), slack
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ByWhatIsNew:
+    """Runs in a loop whose excitation nobody logged.
+
+    What can be explained there is not known. But of what a candidate changes, how much shows there is: all of it where
+    it is right, and as much is added where nothing of it is there.
+    """
+
+    on: Dataset
+    metric: Innovations
+    """By the noise that the likeliest candidate leaves of these runs."""
+    fitted: Whitening
+    """In which candidates are moved to where they foretell best what is new in the fitted runs."""
+    before: FloatArray
+    """White rows (N,) that the parent leaves."""
+
+    @classmethod
+    def of(cls, fits: Sequence[Ranked], on: Dataset, reference: Reference) -> ByWhatIsNew:
+        likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
+        paid = likeliest is not None and likeliest.delta_bic < 0
+        best = likeliest.fit if likeliest is not None and likeliest.fit is not None and paid else reference.parent
+        fitted = reference.whitening
+        metric = innovations(best.asked_in(fitted).model, on.wider, ())
+        before = _white(reference.parent.asked_in(fitted).model, on.wider, metric)
+        return cls(on=on.wider, metric=metric, fitted=fitted, before=before)
+
+    def share(self, one: Ranked) -> Told:
+        assert one.fit is not None
+        try:
+            after = _white(one.fit.asked_in(self.fitted).model, self.on, self.metric)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return None, math.inf
+        change = float(np.sum((self.before - after) ** 2))
+        slack = SLACK * 2 / math.sqrt(change) if 0 < change < math.inf else math.inf
+        if slack > 1:
+            return None, slack
+        return float(np.clip((np.sum(self.before**2) - np.sum(after**2)) / change, -1, 1)), slack
+
+
+def _white(model: Model, on: Dataset, metric: Innovations) -> FloatArray:
+    """(N,), what a model leaves of the runs."""
+    with np.errstate(all="ignore"):
+        left = [(group.Y - respond(model.structure, model.values, group, False).Y)[None] for group in on.stacks]
+        return np.asarray(metric(left)[0])
+
+
+def _shares(error: OutputError) -> FloatArray:
+    """Residual over measured power by output."""
+    return np.asarray(error.residual_power / error.measured_power)
+
+
+def divided(error: OutputError, on: Dataset) -> Division:
+    """What is left of validation runs, divided."""
+    return divide(error, on.stacks, on.causes, _window_hz(on))
+
+
+def _window_hz(on: Dataset) -> float:
+    """Of windows that have bins enough to tell noise from an answer, however short the runs."""
+    unknown = 2 * len(on.causes.commands) + len(on.spectra)
+    return max(WINDOW_HZ, BINS_FOR_EACH * unknown / sum(one.segment.duration_s for one in on.spectra))
