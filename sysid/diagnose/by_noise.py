@@ -94,13 +94,15 @@ def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate |
 
 
 def misled(fit: Candidate, metric: Whitening) -> bool:
-    """Whether least squares is far from where the noise's white rows have the fit's parameters; of linear structures
-    whose excitation is logged."""
+    """Whether least squares is far from where the noise's white rows have the fit's parameters, or so far that one step
+    towards it is not to be taken; of linear structures whose excitation is logged."""
     if not (fit.division.measured and fit.model.structure.linear):
         return False
     stepped = instrumental_step(fit, metric)
     if stepped.shown is None:
         return False
+    if not stepped.taken:
+        return True
     before = stepped.shown.caused(white_residual(fit, metric))
     return float(before @ before) > MISLED * float(stepped.caused @ stepped.caused)
 

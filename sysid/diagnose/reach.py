@@ -12,10 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.diagnose.by_noise import misled
 from sysid.diagnose.candidates import Ranked, Reference, ranked
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.likely import SAME
-from sysid.diagnose.refits import refit_or_reason
+from sysid.diagnose.refits import moved_on, refit_or_reason
 from sysid.model.parameter import SURELY
 from sysid.model.structure import Model
 
@@ -67,4 +68,5 @@ def _held(one: Candidate, values: dict[str, float], parent: Candidate) -> Candid
     """Fitted with these held; None where the runs do not determine the rest."""
     structure = one.model.structure
     begin = Model(structure, structure.vector(one.model.by_name | values))
-    return refit_or_reason(structure, parent, one.added, begin, values)[0]
+    held = refit_or_reason(structure, parent, one.added, begin, values)[0]
+    return moved_on(held, parent, parent.metric) if held is not None and misled(held, parent.metric) else held

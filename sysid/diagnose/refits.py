@@ -23,6 +23,7 @@ from sysid.diagnose.evidence import Candidate, refit
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
+from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
@@ -183,10 +184,15 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = predicting(fit, parent)
     if astray or misled(fit, parent.metric):
-        again = by_its_own_noise(fit, fit.metric if astray else parent.metric)
-        if explained_by(again, parent, parent.metric) > explained_by(fit, parent, parent.metric):
-            fit = again
+        fit = moved_on(fit, parent, fit.metric if astray else parent.metric)
     return replace(one, fit=fit, not_testable=None)
+
+
+def moved_on(fit: Candidate, parent: Candidate, metric: Whitening) -> Candidate:
+    """The fit in the noise's own measure, from this metric on, where it explains more there."""
+    again = by_its_own_noise(fit, metric)
+    better = explained_by(again, parent, parent.metric) > explained_by(fit, parent, parent.metric)
+    return again if better else fit
 
 
 def _as_promised(
