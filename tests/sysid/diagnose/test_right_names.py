@@ -14,6 +14,7 @@ from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
 from sysid.diagnose import by_noise, candidates, choice, diagnose, reach, refits, score, size_check, verdict
 from sysid.diagnose.chains import BudgetSpent
+from sysid.diagnose.shares import Shares
 from sysid.diagnose.verdict import LARGEST_DIFFERENCE, Diagnosis
 from sysid.errors import FitError
 from sysid.fit import axes
@@ -56,6 +57,12 @@ PLAY_BETWEEN_SAMPLES = 4020708
 """A helicopter of 90 kg with play of 0.9 %; every fourth sample is logged."""
 LAZY_SERVOS = 4000111
 """A helicopter whose servos run the slower the smaller their error, by its root."""
+SLOW_FILTER = 4005786
+"""A helicopter of 90 kg whose gyros are filtered at 12 Hz, in bursts of 2.8 times the usual gusts."""
+SPEED_IN_GUSTS = 4000062
+"""A small helicopter that its speed turns, in gusts of 2.7 times the usual."""
+WAKE_IN_A_LOOP = 4004305
+"""A small helicopter with a wing in the wake; no excitation is logged."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -337,3 +344,41 @@ def test_inflow_that_pushes_is_no_lateness_though_it_ended_at_its_bound() -> Non
     assert found.verdict == "missing"
     assert "transport_delay" in (found.effect, *found.not_told)
     assert "dynamic_inflow" not in found.not_told
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_filter", "transport_delay", "gyro_lag")], indirect=True)
+def test_what_the_noise_alone_tells_stays_in_the_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(SLOW_FILTER)
+    assert (found.verdict, found.effect) == ("missing", "transport_delay")
+    assert "gyro_filter" in found.indistinguishable
+    filtered = next(one for one in found.candidates if one.effects == ("gyro_filter",))
+    assert filtered.explained_share is not None
+    assert filtered.explained_share < 0.1, "by power"
+    assert filtered.values["corner"] == pytest.approx(12.08, rel=0.05)
+    monkeypatch.setattr(Shares, "may_be", Shares.enough)
+    assert "gyro_filter" not in asked(SLOW_FILTER).not_told
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("speed_stability",)], indirect=True)
+def test_what_is_held_where_physics_allows_is_fitted_by_the_noise_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(SPEED_IN_GUSTS)
+    assert (found.verdict, found.effect) == ("missing", "speed_stability")
+    assert found.winner is not None
+    assert found.winner.values["L_v"] == pytest.approx(-11.9, rel=0.1)
+    monkeypatch.setattr(reach, "misled", lambda *_: False)
+    assert asked(SPEED_IN_GUSTS).verdict == "unexplained"
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("slipstream_wing", "angle_of_attack")], indirect=True)
+def test_what_no_loop_makes_is_named_however_near_another_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(WAKE_IN_A_LOOP)
+    assert found.parent.dataset.in_a_loop
+    assert (found.verdict, found.effect) == ("missing", "slipstream_wing")
+    monkeypatch.setattr(verdict, "LEFT_OF_A_FORM", -1.0)
+    assert (asked(WAKE_IN_A_LOOP).verdict, asked(WAKE_IN_A_LOOP).reason) == ("unexplained", "feedback")
