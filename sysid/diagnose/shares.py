@@ -56,6 +56,16 @@ def contradicted(one: Ranked) -> bool:
     return one.validation_share is not None and min(1.0, one.validation_share + one.validation_slack) < VALIDATED
 
 
+def _surely_shows(one: Ranked) -> bool:
+    """Whether it explains enough of the validation runs, whatever chance does."""
+    return one.validation_share is not None and one.validation_share - one.validation_slack >= VALIDATED
+
+
+def _steady(fit: Candidate) -> bool:
+    """Whether nothing in it acts on samples of the commands."""
+    return all(effect.samples is None for effect in fit.model.structure.composed)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shares:
     """Of the parent's error, what is noise and what can be explained; on the validation runs too."""
@@ -144,8 +154,7 @@ class Shares:
             return True
         if one.fit is None or contradicted(one) or self.outdone(one):
             return False
-        steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
-        return steady and one.fit.division.measured and self._by_the_noise(one) >= self.least
+        return _steady(one.fit) and one.fit.division.measured and self._by_the_noise(one) >= self.least
 
     def outdone(self, one: Ranked) -> bool:
         """Whether others, or simple terms, explain so much more at the same cost that it can only resemble what is
@@ -175,12 +184,13 @@ class Shares:
 
     def _share(self, one: Ranked) -> float:
         """What it explains on the fitted runs; by the noise's own measure where that is little beside the noise, or
-        where feedback lets commands explain gusts, too (play, limits and dead bands follow gusts there)."""
+        where feedback lets commands explain gusts, too. (Play, limits and dead bands follow gusts there: of these only
+        what explains half by power, and surely shows on the validation runs.)"""
         assert one.fit is not None
-        steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
         share = one.explained_share or 0.0
+        told = _steady(one.fit) or (share >= HALF and _surely_shows(one))
         little = self.error_share - self.noise_share < LITTLE * self.noise_share
-        if share >= self.least or not (little or (steady and not one.fit.division.measured)):
+        if share >= self.least or not (little or (told and not one.fit.division.measured)):
             return share
         most = self._of_most(one)
         # what it leaves is dear to measure, and only makes the share less

@@ -100,7 +100,9 @@ class ByWhatIsNew:
     fitted: Whitening
     """In which candidates are moved to where they foretell best what is new in the fitted runs."""
     before: FloatArray
-    """White rows (N,) that the parent leaves."""
+    """White rows (N,) that the parent leaves, so moved;"""
+    as_fitted: FloatArray
+    """and as least squares has it: what is not linear is not moved, and feedback biases the base of both alike."""
 
     @classmethod
     def of(cls, fits: Sequence[Ranked], on: Dataset, reference: Reference) -> ByWhatIsNew:
@@ -110,19 +112,21 @@ class ByWhatIsNew:
         fitted = reference.whitening
         metric = innovations(best.asked_in(fitted).model, on.wider, ())
         before = _white(reference.parent.asked_in(fitted).model, on.wider, metric)
-        return cls(on=on.wider, metric=metric, fitted=fitted, before=before)
+        as_fitted = _white(reference.parent.model, on.wider, metric)
+        return cls(on=on.wider, metric=metric, fitted=fitted, before=before, as_fitted=as_fitted)
 
     def share(self, one: Ranked) -> Told:
         assert one.fit is not None
+        before = self.before if one.fit.model.structure.linear else self.as_fitted
         try:
             after = _white(one.fit.asked_in(self.fitted).model, self.on, self.metric)
         except (RelaxationError, np.linalg.LinAlgError):
             return None, math.inf
-        change = float(np.sum((self.before - after) ** 2))
+        change = float(np.sum((before - after) ** 2))
         slack = SLACK * 2 / math.sqrt(change) if 0 < change < math.inf else math.inf
         if slack > 1:
             return None, slack
-        return float(np.clip((np.sum(self.before**2) - np.sum(after**2)) / change, -1, 1)), slack
+        return float(np.clip((np.sum(before**2) - np.sum(after**2)) / change, -1, 1)), slack
 
 
 def _white(model: Model, on: Dataset, metric: Innovations) -> FloatArray:
