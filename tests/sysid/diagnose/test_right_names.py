@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,9 +13,10 @@ from strangers.flights import fly
 from sysid.data import preprocess
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import by_noise, candidates, choice, diagnose, reach, refits, score, size_check, verdict
+from sysid.diagnose import by_noise, candidates, choice, diagnose, reach, refits, score, shares, size_check, verdict
 from sysid.diagnose.chains import BudgetSpent
 from sysid.diagnose.shares import Shares
+from sysid.diagnose.validated import ByWhatIsNew, validation_of
 from sysid.diagnose.verdict import LARGEST_DIFFERENCE, Diagnosis
 from sysid.errors import FitError
 from sysid.fit import axes
@@ -63,6 +65,8 @@ SPEED_IN_GUSTS = 4000062
 """A small helicopter that its speed turns, in gusts of 2.7 times the usual."""
 WAKE_IN_A_LOOP = 4004305
 """A small helicopter with a wing in the wake; no excitation is logged."""
+LIMIT_IN_A_LOOP = 4004371
+"""A helicopter whose servos end at 0.32, which only the fitted runs reach; no excitation is logged."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -382,3 +386,22 @@ def test_what_no_loop_makes_is_named_however_near_another_comes(monkeypatch: pyt
     assert (found.verdict, found.effect) == ("missing", "slipstream_wing")
     monkeypatch.setattr(verdict, "LEFT_OF_A_FORM", -1.0)
     assert (asked(WAKE_IN_A_LOOP).verdict, asked(WAKE_IN_A_LOOP).reason) == ("unexplained", "feedback")
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_saturation",)], indirect=True)
+def test_a_limit_that_validation_runs_do_not_reach_is_not_contradicted_by_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its base is as least squares has it; beside one that foretells best its bias would count against it."""
+    found = asked(LIMIT_IN_A_LOOP)
+    assert (found.verdict, found.effect) == ("missing", "servo_saturation")
+    assert found.winner is not None
+    assert found.winner.validation_share is None
+
+    def beside_the_moved(*of: Any) -> Any:
+        made = validation_of(*of)
+        assert isinstance(made, ByWhatIsNew)
+        return replace(made, as_fitted=made.before)
+
+    monkeypatch.setattr(shares, "validation_of", beside_the_moved)
+    assert asked(LIMIT_IN_A_LOOP).verdict == "unexplained"
