@@ -36,11 +36,18 @@ the chance of the noise in these runs alone."""
 
 
 def validation_of(fits: Sequence[Ranked], reference: Reference) -> ByPower | ByWhatIsNew | None:
-    """The measure that these runs allow; None where there are none. `fits` are candidates that were refitted."""
+    """The measure that these runs allow; None where there are none, or they do not tell their noise. `fits` are
+    candidates that were refitted."""
     on = reference.validation
     if on is None:
         return None
-    return ByWhatIsNew.of(fits, on, reference) if on.in_a_loop else ByPower.of(fits, on, reference)
+    if not on.in_a_loop:
+        return ByPower.of(fits, on, reference)
+    try:
+        with np.errstate(all="ignore"):
+            return ByWhatIsNew.of(fits, on, reference)
+    except (RelaxationError, np.linalg.LinAlgError):
+        return None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
+import numpy as np
 import planted
 import pytest
 from planted_fits import records
 
 from sysid.data.record import Record
+from sysid.diagnose import validated
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import error_share
 from sysid.diagnose.shares import VALIDATED
@@ -72,6 +75,30 @@ def test_an_effect_that_is_not_there_follows_gusts_and_is_told_all_the_same(fitt
 @pytest.mark.parametrize("only_effects", [("angular_damping", "hub_gyroscopics")], indirect=True)
 def test_runs_that_show_too_little_say_nothing(fitted: list[Record]) -> None:
     found = asked(fitted, fly(None, {}, 9302, seconds=8.0, gusts=16.0)[:1])
+    assert found.winner is not None
+    assert found.winner.validation_share is None
+    assert found.verdict == "missing"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("angular_damping", "hub_gyroscopics")], indirect=True)
+@pytest.mark.parametrize("samples", [1010, 1100])
+def test_a_run_hardly_longer_than_its_noise_s_past_ends_no_diagnosis(fitted: list[Record], samples: int) -> None:
+    (run,) = fly(None, {}, 9302, seconds=2.0, gusts=2.0)[:1]
+    short = replace(run, channels={name: values[:samples] for name, values in run.channels.items()})
+    assert asked(fitted, [short]).verdict == "missing"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("angular_damping",)], indirect=True)
+def test_where_the_noise_of_the_runs_is_not_told_they_say_nothing(
+    fitted: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_noise(*_: object) -> None:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(validated, "innovations", no_noise)
+    found = asked(fitted, fly(None, {}, 9302, seconds=8.0, gusts=2.0)[:2])
     assert found.winner is not None
     assert found.winner.validation_share is None
     assert found.verdict == "missing"
