@@ -26,7 +26,8 @@ VALIDATED = 0.5
 """and on validation runs alone: another amplitude shows a nonlinear effect that is only nearly the right one."""
 HALF = 0.5
 """Of what can be explained, that is in doubt at most where powers mean little: six of nine such names on strangers that
-judgements had spent were right."""
+judgements had spent were right; and that play, a limit or a dead band explains by power, to be judged by the noise
+where no excitation is logged."""
 LITTLE = 0.05
 """Explainable power over noise, below which powers are too uncertain to divide."""
 OF_MOST = 0.75
@@ -152,7 +153,8 @@ class Shares:
         where powers tell gusts: a filter whose corner the noise alone tells left as much power as its parent."""
         if self.enough(one):
             return True
-        if one.fit is None or contradicted(one) or self.outdone(one):
+        assert one.fit is not None
+        if contradicted(one) or self.outdone(one):
             return False
         return _steady(one.fit) and one.fit.division.measured and self._by_the_noise(one) >= self.least
 
