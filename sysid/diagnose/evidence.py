@@ -285,11 +285,17 @@ def white_residual(one: Candidate, metric: Whitening) -> FloatArray:
 def residual_at(one: Candidate, values: FloatArray, metric: Whitening) -> FloatArray | None:
     """(N,), what it would leave in white rows with other values; None where they have no response."""
     try:
-        with np.errstate(all="ignore"):
-            Y = [respond(one.model.structure, values, group, False).Y for group in one.dataset.stacks]
+        return white_left(Model(one.model.structure, values), metric)
     except np.linalg.LinAlgError:
         return None
-    return np.asarray(metric([(group.Y - some)[None] for group, some in zip(one.dataset.stacks, Y, strict=True)])[0])
+
+
+def white_left(model: Model, metric: Whitening) -> FloatArray:
+    """(N,), what a model leaves in white rows of the metric's runs. Raises LinAlgError where it has no response, and
+    RelaxationError where that does not settle."""
+    with np.errstate(all="ignore"):
+        left = [(group.Y - respond(model.structure, model.values, group, False).Y)[None] for group in metric.stacks]
+        return np.asarray(metric(left)[0])
 
 
 def _residual(one: Candidate) -> list[ComplexArray]:

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnose.by_noise import misled
 from sysid.diagnose.candidates import Ranked, Reference, ranked
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.likely import SAME
@@ -69,4 +68,4 @@ def _held(one: Candidate, values: dict[str, float], parent: Candidate) -> Candid
     structure = one.model.structure
     begin = Model(structure, structure.vector(one.model.by_name | values))
     held = refit_or_reason(structure, parent, one.added, begin, values)[0]
-    return moved_on(held, parent, parent.metric) if held is not None and misled(held, parent.metric) else held
+    return None if held is None else moved_on(held, parent)

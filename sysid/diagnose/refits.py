@@ -23,7 +23,6 @@ from sysid.diagnose.evidence import Candidate, refit
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
-from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
@@ -183,14 +182,15 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = predicting(fit, parent)
-    if astray or misled(fit, parent.metric):
-        fit = moved_on(fit, parent, fit.metric if astray else parent.metric)
-    return replace(one, fit=fit, not_testable=None)
+    return replace(one, fit=moved_on(fit, parent, astray), not_testable=None)
 
 
-def moved_on(fit: Candidate, parent: Candidate, metric: Whitening) -> Candidate:
-    """The fit in the noise's own measure, from this metric on, where it explains more there."""
-    again = by_its_own_noise(fit, metric)
+def moved_on(fit: Candidate, parent: Candidate, astray: bool = False) -> Candidate:
+    """The fit in the noise's own measure, where least squares misled it and it explains more there; from what it leaves
+    itself where it is known to be `astray`."""
+    if not (astray or misled(fit, parent.metric)):
+        return fit
+    again = by_its_own_noise(fit, fit.metric if astray else parent.metric)
     better = explained_by(again, parent, parent.metric) > explained_by(fit, parent, parent.metric)
     return again if better else fit
 

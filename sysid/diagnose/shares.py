@@ -111,7 +111,7 @@ class Shares:
             noise_floor_percent=floor,
             terms=terms,
             mode=mode,
-            validation=validation_of(fits, reference),
+            validation=validation_of(fits, best, reference),
             new_share=_new_share(candidates, reference),
             most_explained=max((one.chi_squared for one in fits), default=0.0),
             most_paid=max([_paid_with(terms, mode, likeliest, parent), *(-one.delta_bic for one in fits)]),

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.dataset import Dataset
+from sysid.data.preprocess import gusts_kept_out
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
-from sysid.diagnose.evidence import error_share
+from sysid.diagnose.evidence import Candidate, error_share, white_left
 from sysid.diagnose.score import log_chance
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import WINDOW_HZ, Division, divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening
-from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Model
+from sysid.model.structure import FloatArray
 
 SLACK = 2.0
 """Standard deviations."""
@@ -35,17 +35,17 @@ Told = tuple[float | None, float]
 the chance of the noise in these runs alone."""
 
 
-def validation_of(fits: Sequence[Ranked], reference: Reference) -> ByPower | ByWhatIsNew | None:
+def validation_of(fits: Sequence[Ranked], best: Candidate, reference: Reference) -> ByPower | ByWhatIsNew | None:
     """The measure that these runs allow; None where there are none, or they do not tell their noise. `fits` are
-    candidates that were refitted."""
+    candidates that were refitted, `best` the likeliest, or the parent."""
     on = reference.validation
     if on is None:
         return None
-    if not on.in_a_loop:
+    if gusts_kept_out(on.causes.references):
         return ByPower.of(fits, on, reference)
     try:
         with np.errstate(all="ignore"):
-            return ByWhatIsNew.of(fits, on, reference)
+            return ByWhatIsNew.of(best, on, reference)
     except (RelaxationError, np.linalg.LinAlgError):
         return None
 
@@ -101,7 +101,6 @@ class ByWhatIsNew:
     it is right, and as much is added where nothing of it is there.
     """
 
-    on: Dataset
     metric: Innovations
     """By the noise that the likeliest candidate leaves of these runs."""
     fitted: Whitening
@@ -112,21 +111,18 @@ class ByWhatIsNew:
     """and as least squares has it: what is not linear is not moved, and feedback biases the base of both alike."""
 
     @classmethod
-    def of(cls, fits: Sequence[Ranked], on: Dataset, reference: Reference) -> ByWhatIsNew:
-        likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
-        paid = likeliest is not None and likeliest.delta_bic < 0
-        best = likeliest.fit if likeliest is not None and likeliest.fit is not None and paid else reference.parent
+    def of(cls, best: Candidate, on: Dataset, reference: Reference) -> ByWhatIsNew:
         fitted = reference.whitening
         metric = innovations(best.asked_in(fitted).model, on.wider, ())
-        before = _white(reference.parent.asked_in(fitted).model, on.wider, metric)
-        as_fitted = _white(reference.parent.model, on.wider, metric)
-        return cls(on=on.wider, metric=metric, fitted=fitted, before=before, as_fitted=as_fitted)
+        before = white_left(reference.parent.asked_in(fitted).model, metric)
+        as_fitted = white_left(reference.parent.model, metric)
+        return cls(metric=metric, fitted=fitted, before=before, as_fitted=as_fitted)
 
     def share(self, one: Ranked) -> Told:
         assert one.fit is not None
         before = self.before if one.fit.model.structure.linear else self.as_fitted
         try:
-            after = _white(one.fit.asked_in(self.fitted).model, self.on, self.metric)
+            after = white_left(one.fit.asked_in(self.fitted).model, self.metric)
         except (RelaxationError, np.linalg.LinAlgError):
             return None, math.inf
         change = float(np.sum((before - after) ** 2))
@@ -134,13 +130,6 @@ class ByWhatIsNew:
         if slack > 1:
             return None, slack
         return float(np.clip((np.sum(before**2) - np.sum(after**2)) / change, -1, 1)), slack
-
-
-def _white(model: Model, on: Dataset, metric: Innovations) -> FloatArray:
-    """(N,), what a model leaves of the runs."""
-    with np.errstate(all="ignore"):
-        left = [(group.Y - respond(model.structure, model.values, group, False).Y)[None] for group in on.stacks]
-        return np.asarray(metric(left)[0])
 
 
 def _shares(error: OutputError) -> FloatArray:

@@ -335,13 +335,12 @@ def _hold(sizes: Sequence[Size]) -> bool:
 def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
     """Whether a name is one by chance of what the loop alone could make: what it makes is of no entry's form, so that
     one which leaves hardly any of much is told, however near others come."""
-    much = chance <= A_LOOP_MAKES
+    much, sure = chance <= A_LOOP_MAKES, confidence >= NAMED_IN_A_LOOP
     if winner.outside:
-        doubtful = not much or confidence < NAMED_IN_A_LOOP
+        told = much and sure
     else:
-        hardly = misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared
-        doubtful = not (much and hardly) and confidence < NAMED_IN_A_LOOP
-    return doubtful and shares.by_feedback(reference.parent.division, chance)
+        told = sure or (much and misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared)
+    return not told and shares.by_feedback(reference.parent.division, chance)
 
 
 def _of_unexplained(winner: Ranked | None, chance: float, named: float, reference: Reference) -> float:

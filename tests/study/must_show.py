@@ -63,7 +63,7 @@ def must_show(flights: Sequence[Flight]) -> list[str]:
     lines = [
         *_with_and_without("alarms, nothing hidden", clean, lambda one: one.alarm, most=(0.0, 0.01), wanted=600),
         *_with_and_without("right or in class", known, _right, least=(0.97, 0.92), wanted=300),
-        *_with_and_without("  right, or complete and mattering little", known, _spared, least=(0.97, 0.92), wanted=300),
+        *_with_and_without("  with what matters little", known, _spared, least=(0.97, 0.92), wanted=300),
         Line(words="not in the catalogue, and so said", flights=beyond, counts=_right, least=0.92, wanted=200),
         Line(
             words="  or complete, and mattering little",
@@ -110,7 +110,7 @@ def _with_and_without(
             most=None if most is None else most[i],
             wanted=wanted,
         )
-        for i, (told, logged) in enumerate(((f"{words}, excitation logged", True), ("    not logged", False)))
+        for i, (told, logged) in enumerate(((f"{words}, excitation logged", True), ("  not logged", False)))
     ]
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import planted
@@ -11,7 +12,7 @@ import pytest
 from planted_fits import records
 
 from sysid.data.record import Record
-from sysid.diagnose import validated
+from sysid.diagnose import shares, validated
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import error_share
 from sysid.diagnose.shares import VALIDATED
@@ -23,13 +24,21 @@ BAND = (0.5, 10.0)
 DAMPING = {"L_p": -3.0, "M_q": -3.0}
 
 
-def fly(effect: str | None, sizes: Mapping[str, float], seed: int, *, seconds: float, gusts: float) -> list[Record]:
+def fly(
+    effect: str | None,
+    sizes: Mapping[str, float],
+    seed: int,
+    *,
+    seconds: float,
+    gusts: float,
+    without: Sequence[str] = EXCITATIONS,
+) -> list[Record]:
     """Chirps in a loop of double gain, their excitation not logged."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
         patch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
         (flight,) = planted.fly_many(effect, sizes, seeds=range(seed, seed + 1), duration_s=seconds, gusts=gusts)
-    return records(flight, *EXCITATIONS)
+    return records(flight, *without)
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +111,23 @@ def test_where_the_noise_of_the_runs_is_not_told_they_say_nothing(
     assert found.winner is not None
     assert found.winner.validation_share is None
     assert found.verdict == "missing"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("angular_damping",)], indirect=True)
+@pytest.mark.parametrize(
+    ("without", "measure"),
+    [(EXCITATIONS, validated.ByWhatIsNew), (("excitation_y",), validated.ByWhatIsNew), ((), validated.ByPower)],
+)
+def test_powers_tell_where_every_command_has_its_excitation(
+    fitted: list[Record], monkeypatch: pytest.MonkeyPatch, without: Sequence[str], measure: type[object]
+) -> None:
+    made = []
+
+    def kept(*of: Any) -> Any:
+        made.append(validated.validation_of(*of))
+        return made[-1]
+
+    monkeypatch.setattr(shares, "validation_of", kept)
+    asked(fitted, fly("angular_damping", DAMPING, 9301, seconds=8.0, gusts=3.0, without=without)[:2])
+    assert {type(one) for one in made} == {measure}
