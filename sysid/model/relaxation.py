@@ -1,13 +1,13 @@
 """Answers of what is not linear, or wanders with time: the linear part answers the rest until nothing changes.
 
 Terms with products, powers or wandering coefficients count as an input of the linear part, evaluated on the whole time
-history. Derivatives are steps of each parameter from where the response settled."""
+history. Derivatives are steps of each parameter from where it settled, answered by small motions about that."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +22,12 @@ from sysid.model.structure import FloatArray, Structure
 RELAXATION_HZ = 30.0
 RELAXATIONS = 40
 RELAXED = 1e-5
-DIFFERENCE_RELAXED = 0.03
+DIFFERENCE_RELAXED = 0.01
 """Of the last change of a response, and of a difference of responses; what is left is a fraction of it."""
+TANGENT_STEP = 1e-6
+"""Of a state's largest motion, for differences;"""
+ROUNDING = 1e-8
+"""of the largest rate or output, that this state's own motion changes it by at least: less may be rounding."""
 NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
 UNSEEN = 1e-9
@@ -108,6 +112,11 @@ class _Answer:
             self._slopes[names] = np.concatenate([np.empty((0, *self.settled.Y.shape), dtype=complex), *parts])
         return self._slopes[names]
 
+    @cached_property
+    def tangent(self) -> _Tangent:
+        """Of the motion, for all derivatives."""
+        return _Tangent.at(self.run, self.named, self.settled.X + self.settled.free, self.run.on_grid(self.acting))
+
     def _moved(self, names: tuple[str, ...]) -> ComplexArray:
         front, run = divided(self.structure)[0], self.run
         outside = {*run.late, *(name for effect in front for name in effect.names)}
@@ -117,7 +126,7 @@ class _Answer:
             for name, at in zip(names, batch, strict=True)
         ]
         steps = np.array([at[name] - self.named[name] for name, at in zip(names, batch, strict=True)])
-        moved = _settle_beside(run, self.settled, [self.named, *batch], [self.acting, *acting])
+        moved = _settle_beside(run, self.tangent, [self.named, *batch], [self.acting, *acting])
         return np.asarray(moved / steps[:, None, None])
 
 
@@ -190,11 +199,10 @@ class _Run:
         return U
 
     def evaluate(
-        self, batch: Sequence[Mapping[str, float]], X: ComplexArray, u: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """States (batch, n, grid), their rates, and the outputs (batch, k, grid), of X (batch, n, bins) and commands
-        u (batch, m, grid)."""
-        structure, x = self.structure, self.on_grid(X)
+        self, batch: Sequence[Mapping[str, float]], x: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Rates of states x (batch, n, grid), and the outputs (batch, k, grid), with commands u (batch, m, grid)."""
+        structure = self.structure
         signals = {
             **{name: x[:, i] for i, name in enumerate(structure.states)},
             **{name: u[:, i] for i, name in enumerate(structure.commands)},
@@ -207,7 +215,7 @@ class _Run:
             rhs[:, i] = rates[f"{state}_dot"]
         for i, name in enumerate(structure.outputs):
             outputs[:, i] = measured[name]
-        return x, rhs, outputs
+        return rhs, outputs
 
     def resolvent(self, A: FloatArray) -> ComplexArray:
         """(s - A)^-1, (n, n, bins), nothing at bin zero."""
@@ -222,7 +230,7 @@ class _Run:
 
 
 class _Settled(NamedTuple):
-    """A run's response, and the linear part by which it was found."""
+    """A run's response."""
 
     Y: ComplexArray
     """(k, bins of the band)"""
@@ -232,10 +240,6 @@ class _Settled(NamedTuple):
     """(n, bins), without the free motion."""
     free: ComplexArray
     """(n, bins), the motion that the run's end states account for."""
-    A: FloatArray
-    B: FloatArray
-    transfer: ComplexArray
-    """(n, n, bins)"""
 
 
 def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool) -> _Settled:
@@ -275,11 +279,12 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
         if explaining is not None:  # the free motion from the run's end states, as the measured rates show it
             ends = explaining.of((run.one.Y - outputs[:, inside]).reshape(-1).view(float))
             free = np.einsum("ijf,j->if", transfer, ends)
-        x, rates, y = run.evaluate([named], (X + free)[None], u[None])
-        other = rates[0] - A @ x[0] - B @ u
+        x = run.on_grid(X + free)
+        rates, y = run.evaluate([named], x[None], u[None])
+        other = rates[0] - A @ x - B @ u
         if count < nearer_in:
-            nearer = (other @ x[0].T) @ np.linalg.pinv(x[0] @ x[0].T, rcond=1e-9, hermitian=True)
-            A, other = A + nearer, other - nearer @ x[0]
+            nearer = (other @ x.T) @ np.linalg.pinv(x @ x.T, rcond=1e-9, hermitian=True)
+            A, other = A + nearer, other - nearer @ x
             transfer = run.resolvent(A)
         new = _through(transfer, (driven + run.transform(other))[None])[0]
         change = float(np.max(np.abs(new - X)) / max(float(np.max(np.abs(new))), 1e-300))
@@ -295,7 +300,7 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
         last = min(last, change)
         if len(before) > 1:
             X = _pointed_to(before)
-    return _Settled(Y=outputs[:, inside], E=E, X=X, free=free, A=A, B=B, transfer=transfer)
+    return _Settled(Y=outputs[:, inside], E=E, X=X, free=free)
 
 
 def _pointed_to(before: Sequence[tuple[ComplexArray, ComplexArray]]) -> ComplexArray:
@@ -334,36 +339,102 @@ def _settling(products: FloatArray) -> FloatArray:
     return products
 
 
+class _Tangent(NamedTuple):
+    """Small motions about the one of a run: the mean over time of how rates and outputs change with the states, and
+    what wanders of it."""
+
+    x: FloatArray
+    """The run's motion, (n, grid)"""
+    transfer: ComplexArray
+    """(n, n, bins)"""
+    rows: list[int]
+    """States whose rates wander;"""
+    columns: list[int]
+    """states with which these, or outputs, do."""
+    size: FloatArray
+    """Of the latter's motion, (columns, 1)"""
+    rates: FloatArray
+    """(rows, columns, grid)"""
+    outputs: FloatArray
+    """(k, columns, grid), beside what is measured of the states themselves"""
+
+    @classmethod
+    def at(cls, run: _Run, named: Mapping[str, float], X: ComplexArray, u: FloatArray) -> _Tangent:
+        """About X (n, bins), with commands u (m, grid), by a small step of each state."""
+        structure = run.structure
+        x, A = run.on_grid(X), structure.matrices(structure.vector(named)).A
+        n, C = len(x), np.eye(len(x))[run.measured]
+        size = np.max(np.abs(x), axis=1, keepdims=True)
+        size[size == 0] = 1.0
+        stepped = np.concatenate([x[None], x + TANGENT_STEP * size * np.eye(n)[:, :, None]])
+        rates, outputs = run.evaluate([named] * (n + 1), stepped, np.broadcast_to(u, (n + 1, *u.shape)))
+        # of a state's own size: (states, rates or outputs, grid)
+        of_rates = (rates[1:] - rates[0]) / TANGENT_STEP - (size * A.T)[:, :, None]
+        of_outputs = (outputs[1:] - outputs[0]) / TANGENT_STEP - (size * C.T)[:, :, None]
+        acting = np.max(np.abs(of_rates), axis=2) > ROUNDING * np.max(np.abs(rates[0]), axis=1)
+        seen = np.max(np.abs(of_outputs), axis=2) > ROUNDING * np.max(np.abs(outputs[0]), axis=1)
+        of_rates *= acting[:, :, None] / size[:, :, None]
+        mean = np.mean(of_rates, axis=2)
+        rows = np.flatnonzero(acting.any(axis=0)).tolist()
+        columns = np.flatnonzero(acting.any(axis=1) | seen.any(axis=1)).tolist()
+        wandering = (of_rates - mean[:, :, None])[np.ix_(columns, rows)].transpose(1, 0, 2)
+        measured = (of_outputs * seen[:, :, None] / size[:, :, None])[columns].transpose(1, 0, 2)
+        return cls(x, run.resolvent(A + mean.T), rows, columns, size[columns], wandering, measured)
+
+    def settled(self, run: _Run, driving: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+        """Small motions that rates (batch, n, bins) drive: the measured states (batch, k, bins), and what outputs show
+        beside them (batch, k, grid)."""
+        moved = _through(self.transfer, driving)
+        if not self.columns:
+            return moved[:, run.measured], np.zeros((len(moved), len(run.measured), run.grid))
+        plain = run.on_grid(moved[:, self.columns]) / self.size
+        back = self.transfer[:, self.rows]
+        moving, answered = plain, np.zeros_like(moved)
+        before: list[tuple[FloatArray, FloatArray]] = []
+        for _ in range(RELAXATIONS if self.rows else 0):
+            answered = _through(back, run.transform(np.einsum("rct,bct->brt", self.rates, self.size * moving)))
+            new = plain + run.on_grid(answered[:, self.columns]) / self.size
+            change, most = (np.max(np.abs(one), axis=(1, 2)) for one in (new - moving, new))
+            if not np.all(np.isfinite(change)):
+                raise RelaxationError("the response grows without limit")
+            before.append((moving, new))
+            if np.all(change <= DIFFERENCE_RELAXED * most):
+                break
+            moving = _each_pointed_to(before)
+        moved += answered
+        settled = before[-1][1] if before else plain
+        return moved[:, run.measured], np.einsum("kct,bct->bkt", self.outputs, self.size * settled)
+
+
+def _each_pointed_to(before: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """The same as `_pointed_to`, of each of a batch by itself."""
+    (here, there), others = before[-1], before[:-1]
+    if not others:
+        return there
+    left = (there - here).reshape(len(here), -1)
+    apart = np.stack([left - (to - begin).reshape(left.shape) for begin, to in others], axis=1)
+    shares = np.linalg.pinv(apart @ apart.transpose(0, 2, 1), 1e-10, hermitian=True) @ (apart @ left[:, :, None])
+    return np.asarray(
+        there - np.einsum("bj,bj...->b...", shares[:, :, 0], np.stack([there - to for _, to in others], axis=1))
+    )
+
+
 def _settle_beside(
-    run: _Run, settled: _Settled, batch: Sequence[Mapping[str, float]], U: Sequence[ComplexArray]
+    run: _Run, tangent: _Tangent, batch: Sequence[Mapping[str, float]], U: Sequence[ComplexArray]
 ) -> ComplexArray:
     """How far outputs (batch - 1, k, bins of the band) at values near the settled ones, which come first, are from
     theirs; one free motion.
 
-    The first are evaluated together with the others, once, so that what changes nothing has a difference of zero.
+    The first are evaluated together with the others, so that what changes nothing has a difference of zero.
     """
-    driving, u = settled.B @ ((np.stack(U[1:]) - U[0]) * run.hold), run.on_grid(np.stack(U))
-    motion = settled.X + settled.free
-    moved = np.zeros((len(batch) - 1, *motion.shape), dtype=complex)
-
-    def rest(batch: Sequence[Mapping[str, float]], X: ComplexArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        x, rates, y = run.evaluate(batch, X, u)
-        return rates - settled.A @ x - settled.B @ u, y
-
-    others, y = rest(batch, np.broadcast_to(motion, (len(batch), *motion.shape)), u)
-    first, measured = others[0], y[0]
-    others, y, u = others[1:], y[1:], u[1:]
-    for _ in range(RELAXATIONS):
-        new = _through(settled.transfer, driving + run.transform(others - first))
-        change, size = (np.max(np.abs(one), axis=(1, 2)) for one in (new - moved, new))
-        if not np.all(np.isfinite(change)):
-            raise RelaxationError("the response grows without limit")
-        before, moved = moved, new
-        if np.all(change <= DIFFERENCE_RELAXED * size):
-            break
-        others, y = rest(batch[1:], motion + moved, u)
-    outputs = run.transform(y - measured) + (moved - before)[:, run.measured]
-    return np.asarray(outputs[..., run.inside])
+    m, bins = len(run.structure.commands), np.stack(U)
+    u = run.on_grid(bins)
+    rates, outputs = run.evaluate(batch, np.broadcast_to(tangent.x, (len(batch), *tangent.x.shape)), u)
+    B = run.structure.matrices(np.stack([run.structure.vector(at) for at in batch])).B[..., :m].real
+    held, other = B @ (bins * run.hold), rates - B @ u
+    measured, beside = tangent.settled(run, held[1:] - held[0] + run.transform(other[1:] - other[0]))
+    moved = measured + run.transform(outputs[1:] - outputs[0] + beside)
+    return np.asarray(moved[..., run.inside])
 
 
 def _through(transfer: ComplexArray, driving: ComplexArray) -> ComplexArray:

@@ -64,9 +64,9 @@ def test_derivatives_are_the_same_however_many_go_side_by_side_and_are_worked_ou
     made: list[int] = []
     plain = relaxation._settle_beside
 
-    def counted(run: Any, settled: Any, batch: Any, U: Any) -> ComplexArray:
+    def counted(run: Any, tangent: Any, batch: Any, U: Any) -> ComplexArray:
         made.append(len(batch) - 1)
-        return plain(run, settled, batch, U)
+        return plain(run, tangent, batch, U)
 
     monkeypatch.setattr(relaxation, "_settle_beside", counted)
     found = []
@@ -80,3 +80,34 @@ def test_derivatives_are_the_same_however_many_go_side_by_side_and_are_worked_ou
         made.clear()
     size = np.linalg.norm(found[0][0], axis=(1, 2))
     assert np.all(np.linalg.norm(found[0][0] - found[1][0], axis=(1, 2)) < 0.01 * size)
+
+
+@pytest.mark.parametrize(
+    ("effects", "extra", "channels"),
+    [
+        (["quadratic_damping"], {"L_pp": -40.0, "M_qq": -30.0}, ()),
+        (["quadratic_damping", "gyro_filter"], {"exponent": 2.6, "corner": 60.0}, ()),
+        (["rotor_speed", "structural_mode"], WANDERING, ("omega",)),
+        (["servo_saturation", "quadratic_damping"], {"limit": 0.4, "exponent": 1.5}, ()),
+    ],
+)
+def test_derivatives_are_those_of_responses_that_settle_by_themselves(
+    monkeypatch: pytest.MonkeyPatch, effects: list[str], extra: dict[str, float], channels: tuple[str, ...]
+) -> None:
+    """Central differences of responses, each relaxed until next to nothing changes."""
+    runs = fly(None, {}, seed=4, duration_s=4.0)
+    turning = 172.0 * (1 + 0.1 * np.sin(np.arange(runs[0]["p"].size) * 0.004))
+    flown = [Record(f"#{i}", {**run, "omega": turning}) for i, run in enumerate(runs)]
+    (group,) = dataset(flown, (0.3, 10.0)).stacks
+    structure = compose("tpp", effects, channels, {"Omega_0": 172.0} if channels else {})
+    known = {one.name: one.typical for one in structure.parameters}
+    values = structure.vector({**known, **TABLE_4, **extra})
+    slopes = respond(structure, values, group, True, group.U).slopes
+    monkeypatch.setattr(relaxation, "RELAXED", 1e-9)
+    monkeypatch.setattr(relaxation, "RELAXATIONS", 200)
+    for name, found in zip(structure.names, slopes, strict=True):
+        step = 1e-3 * max(abs(values[structure.names.index(name)]), 1e-2)
+        at = [values + sign * step * (np.array(structure.names) == name) for sign in (1, -1)]
+        up, down = (respond(structure, one, group, False, group.U).Y for one in at)
+        expected = (up - down) / (2 * step)
+        assert np.linalg.norm(found - expected) <= 0.005 * np.linalg.norm(expected), name
