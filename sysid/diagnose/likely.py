@@ -37,7 +37,7 @@ SAME_POWER = 1.0
 """and in chi squared at most: here no run like these could tell them."""
 CERTAIN = 0.97
 """Of all candidates, that a class holds;"""
-USEFUL, ENOUGH = 3, 0.85
+USEFUL, ENOUGH = 3, 0.7
 """or the likeliest three, where they hold so much: longer lists tell nobody what to do."""
 
 

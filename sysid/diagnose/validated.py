@@ -32,7 +32,7 @@ BINS_FOR_EACH = 3
 
 Told = tuple[float | None, float]
 """What a candidate explains of what can be explained, None where the runs cannot tell; and how far off that may be by
-the chance of the noise in these runs alone."""
+the chance of the noise."""
 
 
 def validation_of(fits: Sequence[Ranked], best: Candidate, reference: Reference) -> ByPower | ByWhatIsNew | None:
@@ -98,7 +98,7 @@ class ByWhatIsNew:
     """Runs in a loop whose excitation nobody logged.
 
     What can be explained there is not known. But of what a candidate changes, how much shows there is: all of it where
-    it is right, and as much is added where nothing of it is there.
+    it is right, and as much is added where nothing of it is there. Twice as much is missing as its size is too large.
     """
 
     metric: Innovations
@@ -126,7 +126,8 @@ class ByWhatIsNew:
         except (RelaxationError, np.linalg.LinAlgError):
             return None, math.inf
         change = float(np.sum((before - after) ** 2))
-        slack = SLACK * 2 / math.sqrt(change) if 0 < change < math.inf else math.inf
+        told = 0 < change < math.inf and one.chi_squared > 0
+        slack = SLACK * 2 * math.sqrt(1 / change + 1 / one.chi_squared) if told else math.inf
         if slack > 1:
             return None, slack
         return float(np.clip((np.sum(before**2) - np.sum(after**2)) / change, -1, 1)), slack

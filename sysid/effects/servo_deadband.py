@@ -20,8 +20,8 @@ def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) ->
     width = parameters["width"]
     acting = np.empty_like(commands)
     for row, command in enumerate(commands):
-        moved = _moved(command, width)
-        acting[row] = np.repeat(command[moved], np.diff([*moved, command.size]))
+        moved = np.array(_moved(command, width))
+        acting[row] = np.repeat(command[moved], np.diff(moved, append=command.size))
     return acting
 
 
