@@ -38,7 +38,7 @@ SAME_POWER = 1.0
 CERTAIN = 0.97
 """Of all candidates, that a class holds;"""
 USEFUL, ENOUGH = 3, 0.7
-"""or the likeliest three, where they hold so much: longer lists tell nobody what to do."""
+"""or the likeliest three, where they hold so much, and are so much less sure: longer lists tell nobody what to do."""
 
 
 BETWEEN_SAMPLES = 1 / 3

@@ -17,6 +17,8 @@ from sysid.diagnose.confidence import (
     IN_A_LOOP_RIGHT,
     LEFT_OF_A_FORM,
     NAMED_IN_A_LOOP,
+    SHOWS_A_FORM,
+    SURE_OF_A_FORM,
     UNTOLD_RIGHT,
     lead,
     leaves_more,
@@ -334,12 +336,13 @@ def _hold(sizes: Sequence[Size]) -> bool:
 
 def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
     """Whether a name is one by chance of what the loop alone could make: what it makes is of no entry's form, so that
-    one which leaves hardly any of much is told, however near others come."""
+    one which leaves hardly any of much is told, however near others come; of doubtful values only where it is sure."""
     much, sure = chance <= A_LOOP_MAKES, confidence >= NAMED_IN_A_LOOP
+    formed = misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared
     if winner.outside:
-        told = much and sure
+        told = sure and (much or (formed and confidence >= SURE_OF_A_FORM and chance <= SHOWS_A_FORM))
     else:
-        told = sure or (much and misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared)
+        told = sure or (much and formed)
     return not told and shares.by_feedback(reference.parent.division, chance)
 
 

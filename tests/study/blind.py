@@ -167,15 +167,20 @@ def ask(case: Case, log: Path) -> tuple[Any, Any, float]:
 
 def told(found: Any) -> dict[str, Any]:
     """What is kept of a diagnosis."""
-    document = found.to_json()
+    document: dict[str, Any] = found.to_json()
     document["candidates"] = [one for one in document["candidates"] if one["delta_bic"] is not None][:SHOWN]
     document["pairs"] = document["pairs"][:3]
     document["E0"], document["N"] = found.parent.error_share, found.noise_share
-    model = found.parent.model
-    names, variances = model.structure.names, np.diag(found.parent.estimate.covariance)
-    document["parent"] = dict(zip(names, map(float, model.values), strict=True))
-    document["parent_errors"] = {name: math.sqrt(x) for name, x in zip(names, variances, strict=True) if x > 0}
-    return dict(document)
+    return document | _numbers("parent", found.parent.model, found.parent.estimate.covariance)
+
+
+def _numbers(of: str, model: Any, covariance: Any) -> dict[str, Any]:
+    """A model's values and standard errors by name."""
+    names, variances = model.structure.names, np.diag(covariance)
+    return {
+        of: dict(zip(names, map(float, model.values), strict=True)),
+        f"{of}_errors": {name: math.sqrt(x) for name, x in zip(names, variances, strict=True) if x > 0},
+    }
 
 
 def run(case: Case) -> dict[str, Any]:
@@ -215,7 +220,8 @@ def _strange(case: Case) -> dict[str, Any]:
     except Exception as error:
         return answer | {"failed": f"{type(error).__name__}: {error}"}
     second = None if said.second is None else told(said.second)
-    return answer | told(said.first) | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
+    fit = {} if said.fit is None else _numbers("fit", said.fit.model, said.fit.covariance)
+    return answer | told(said.first) | fit | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
 
 
 def mixed(first: int, count: int) -> Iterator[Case]:

@@ -195,11 +195,13 @@ class Flight:
         return []
 
     def base_off(self) -> dict[str, float]:
-        """(estimate - truth)/standard error of the base's numbers, where nothing at all was hidden."""
+        """(estimate - truth)/standard error of the base's numbers, where nothing at all was hidden: by `tippath fit`,
+        or as the diagnosis begins with them (before the eleventh judgement)."""
         if not self.strange or self.name != "none":
             return {}
-        truth, errors = self.said["flight"]["table"], self.said.get("parent_errors", {})
-        return {name: (self.said["parent"][name] - truth[name]) / errors[name] for name in errors if name in truth}
+        of = "fit" if "fit" in self.said else "parent"
+        truth, errors = self.said["flight"]["table"], self.said.get(f"{of}_errors", {})
+        return {name: (self.said[of][name] - truth[name]) / errors[name] for name in errors if name in truth}
 
     def short_of_best(self) -> float | None:
         """Validation NRMSE of the winner below the best of all refits, in points, the worse axis."""

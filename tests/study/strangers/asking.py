@@ -15,7 +15,8 @@ from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import instrumental_step
 from sysid.diagnose.matters import hardly_seen, judged, remainder
 from sysid.diagnose.verdict import Diagnosis
-from sysid.fit.identify import on_runs
+from sysid.fit.identify import identify, on_runs
+from sysid.fit.result import Fit
 
 AXES = ("roll", "pitch")
 
@@ -49,6 +50,8 @@ class Answer:
     """What is said of the time of the commands, where it explains what is left: `CommandsThinned`, `CommandsLate`."""
     seconds: float
     """Of computing, of the first."""
+    fit: Fit | None
+    """The base as `tippath fit` has it, where nothing is hidden."""
 
 
 def ask(stranger: Stranger) -> Answer:
@@ -57,14 +60,16 @@ def ask(stranger: Stranger) -> Answer:
     base = "tpp" if stranger.plan.vehicle.flaps else "cd"
     fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
     band_hz = (swept_band(fitted) or USUAL).hz
+    structure = on_runs(base, (), runs, fitted)
     begin = time.process_time()
-    found = weighed(diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz))
+    found = weighed(diagnose(structure, fitted, judging, band_hz))
     early = clocks(found)
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
         second = diagnose(on_runs(base, (found.effect,), runs, fitted), fitted, judging, band_hz)
-    return Answer(found, second, None if early is None else type(early).__name__, taken)
+    fit = None if stranger.hidden.names else identify(structure, fitted, judging, band_hz)
+    return Answer(found, second, None if early is None else type(early).__name__, taken, fit)
 
 
 def weighed(answer: Diagnosis) -> Diagnosis:

@@ -112,6 +112,12 @@ def test_of_many_alike_only_the_one_named_counts() -> None:
     assert of_named(3.0, 0.0, many) < 0.4 < 0.9 < of_named(3.0, 0.0, few)
 
 
+def test_of_four_as_likely_three_are_declared_and_the_fourth_makes_less_sure() -> None:
+    found = of(refitted("servo_lag"), [refitted(f"late {i}", 2.0, i) for i in (1, 2, 3)])
+    assert len(found.alike) == 2
+    assert found.right == pytest.approx(0.80, abs=0.01)
+
+
 def test_a_single_name_is_told_less_modestly_and_no_surer_than_its_class() -> None:
     lag = refitted("servo_lag")
     one, many = of(lag, []), of(lag, [refitted(f"late {i}", 2.0, i) for i in range(1, 6)])

@@ -67,6 +67,10 @@ WAKE_IN_A_LOOP = 4004305
 """A small helicopter with a wing in the wake; no excitation is logged."""
 LIMIT_IN_A_LOOP = 4004371
 """A helicopter whose servos end at 0.32, which only the fitted runs reach; no excitation is logged."""
+MODE_IN_A_LOOP = 4021628
+"""A vehicle that bends; its mode in pitch does not show, and no excitation is logged."""
+GOVERNOR_IN_A_LOOP = 4021538
+"""A helicopter whose governor shows 1.9 times what is detectable, in gusts; no excitation is logged."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -387,6 +391,31 @@ def test_what_no_loop_makes_is_named_however_near_another_comes(monkeypatch: pyt
     monkeypatch.setattr(verdict, "LEFT_OF_A_FORM", -1.0)
     unsure = asked(WAKE_IN_A_LOOP)
     assert (unsure.verdict, unsure.reason) == ("unexplained", "feedback")
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode",)], indirect=True)
+def test_of_doubtful_values_what_leaves_nothing_is_named_where_it_is_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(MODE_IN_A_LOOP)
+    assert found.winner is not None
+    assert found.winner.outside
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    monkeypatch.setattr(verdict, "SHOWS_A_FORM", -math.inf)
+    withheld = asked(MODE_IN_A_LOOP)
+    assert (withheld.verdict, withheld.reason) == ("unexplained", "feedback")
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("governor",)], indirect=True)
+def test_validation_runs_do_not_contradict_a_size_by_its_own_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its gain is 0.86 where 0.68 is true, which leaves them more than nothing; as if it were exact they veto it."""
+    found = asked(GOVERNOR_IN_A_LOOP)
+    assert (found.verdict, found.effect) == ("missing", "governor")
+    plain = ByWhatIsNew.share
+    monkeypatch.setattr(ByWhatIsNew, "share", lambda self, one: plain(self, replace(one, chi_squared=math.inf)))
+    assert asked(GOVERNOR_IN_A_LOOP).verdict == "unexplained"
 
 
 @pytest.mark.thorough
