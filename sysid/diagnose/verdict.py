@@ -17,8 +17,8 @@ from sysid.diagnose.confidence import (
     IN_A_LOOP_RIGHT,
     LEFT_OF_A_FORM,
     NAMED_IN_A_LOOP,
-    SHOWS_A_FORM,
-    SURE_OF_A_FORM,
+    NARROW,
+    SURE_OF_A_MODE,
     UNTOLD_RIGHT,
     lead,
     leaves_more,
@@ -336,14 +336,22 @@ def _hold(sizes: Sequence[Size]) -> bool:
 
 def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
     """Whether a name is one by chance of what the loop alone could make: what it makes is of no entry's form, so that
-    one which leaves hardly any of much is told, however near others come; of doubtful values only where it is sure."""
+    one which leaves hardly any of much is told, however near others come; of doubtful values only where it is sure, of
+    little only a narrow mode."""
     much, sure = chance <= A_LOOP_MAKES, confidence >= NAMED_IN_A_LOOP
     formed = misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared
     if winner.outside:
-        told = sure and (much or (formed and confidence >= SURE_OF_A_FORM and chance <= SHOWS_A_FORM))
+        told = (sure and much) or (formed and confidence >= SURE_OF_A_MODE and _is_a_narrow_mode(winner))
     else:
         told = sure or (much and formed)
     return not told and shares.by_feedback(reference.parent.division, chance)
+
+
+def _is_a_narrow_mode(winner: Ranked) -> bool:
+    assert winner.fit is not None
+    model = winner.fit.model
+    brought = set(model.modes) - set(model.own_modes)
+    return any(abs(mode.damping_ratio) < NARROW for mode in brought)
 
 
 def _of_unexplained(winner: Ranked | None, chance: float, named: float, reference: Reference) -> float:

@@ -396,12 +396,12 @@ def test_what_no_loop_makes_is_named_however_near_another_comes(monkeypatch: pyt
 @pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode",)], indirect=True)
-def test_of_doubtful_values_what_leaves_nothing_is_named_where_it_is_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_loop_makes_a_narrow_mode_of_doubtful_values_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
     found = asked(MODE_IN_A_LOOP)
     assert found.winner is not None
     assert found.winner.outside
     assert (found.verdict, found.effect) == ("missing", "structural_mode")
-    monkeypatch.setattr(verdict, "SHOWS_A_FORM", -math.inf)
+    monkeypatch.setattr(verdict, "NARROW", 0.0)
     withheld = asked(MODE_IN_A_LOOP)
     assert (withheld.verdict, withheld.reason) == ("unexplained", "feedback")
 
