@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
+import planted
+import pytest
 from planted import FORWARD, PLANTED, TABLE_4, TABLE_5, Run
 
 from sysid.data.record import Record
@@ -28,6 +31,16 @@ def records(flight: Sequence[Run], *without: str) -> list[Record]:
         Record(f"#{number}", {name: values for name, values in run.items() if name not in left_out})
         for number, run in enumerate(flight, 1)
     ]
+
+
+@contextmanager
+def controlled(loop: float, size: float = 1.0) -> Iterator[None]:
+    """Planted flights with a controller of that part of the usual gain, and chirps of that part of the usual size."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planted, "RATE_GAIN", loop * planted.RATE_GAIN)
+        patch.setattr(planted, "ATTITUDE_GAIN", loop * planted.ATTITUDE_GAIN)
+        patch.setattr(planted, "SIZES", {axis: size * one for axis, one in planted.SIZES.items()})
+        yield
 
 
 def effects_with(effect: str) -> tuple[str, ...]:

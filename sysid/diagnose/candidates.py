@@ -395,7 +395,7 @@ def rank(one: Ranked) -> tuple[int, float]:
 
 def residual_shares(one: Candidate) -> FloatArray:
     """Residual over measured power by output."""
-    return np.asarray(one.estimate.error.residual_power / one.estimate.error.measured_power)
+    return one.estimate.error.shares
 
 
 def noise_shares(best: Candidate, terms: Selection | None) -> FloatArray:
@@ -411,5 +411,5 @@ def noise_shares(best: Candidate, terms: Selection | None) -> FloatArray:
         linear = whole
     if terms is None or not terms.terms:
         return linear
-    simple = np.asarray(terms.error.residual_power / terms.error.measured_power)
+    simple = terms.error.shares
     return simple if float(np.sum(simple)) < float(np.sum(linear)) else linear

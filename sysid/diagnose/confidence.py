@@ -47,7 +47,7 @@ took up most left 0.13 and more of it."""
 SURE_OF_A_MODE, NARROW = 0.85, 0.2
 """How sure it is at least, where values of that entry are doubtful, and the damping ratio of the mode that it brings
 along: loops and slow gusts make nothing narrow. Of 128 clean flights in loops of double gain and up to fourfold gusts
-speed stability of doubtful values explained 33, at up to 1.00, a mode one, at 0.04, and of 1,016 strange ones one, at
+speed stability of doubtful values explained 31, at up to 1.00, a mode one, at 0.04, and of 1,016 strange ones one, at
 0.35; of strangers that hid one three of three were right."""
 UNTOLD_RIGHT = 0.895
 """At most, for a name from a log slower than any likely loop that does not tell of it: of 28 single effects named there

@@ -183,7 +183,7 @@ def nrmse_percent(error: OutputError, structure: Structure) -> dict[str, float]:
 
 def error_share(error: OutputError) -> float:
     """Residual over measured power, summed over the outputs."""
-    return float(np.sum(error.residual_power / error.measured_power))
+    return float(np.sum(error.shares))
 
 
 def candidate(found: Estimate, held: Collection[str], on: Dataset, added: Sequence[str] = ()) -> Candidate:

@@ -145,7 +145,7 @@ def within_points(answer: Diagnosis) -> float:
     """NRMSE that could still be gained, at the 95 % limit of what the commands explain of the error, and by what the
     best candidate or a simple term reaches."""
     parent, division = answer.parent, answer.parent.division
-    share = parent.estimate.error.residual_power / parent.estimate.error.measured_power
+    share = parent.estimate.error.shares
     whole = np.maximum(np.sum(division.power, axis=0), 1e-300)
     own = np.real(np.einsum("wkk->wk", division.level))
     unknowns = division.degrees / (2 * len(whole) * len(own)) if division.measured else 2.0 * len(division.references)

@@ -72,7 +72,7 @@ class ByPower:
         left = [one.validation_error for one in fits if one.validation_error is not None]
         divisions = [(each, reference.left(each)) for each in (error, *left)]
         noise, least, division = min(
-            ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
+            ((float(np.sum(each.shares * division.noise_share)), each, division) for each, division in divisions),
             key=lambda one: one[0],
         )
         level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
@@ -131,11 +131,6 @@ class ByWhatIsNew:
         if slack > 1:
             return None, slack
         return float(np.clip((np.sum(before**2) - np.sum(after**2)) / change, -1, 1)), slack
-
-
-def _shares(error: OutputError) -> FloatArray:
-    """Residual over measured power by output."""
-    return np.asarray(error.residual_power / error.measured_power)
 
 
 def divided(error: OutputError, on: Dataset) -> Division:

@@ -26,9 +26,14 @@ class OutputError:
     """(k,)"""
 
     @property
+    def shares(self) -> FloatArray:
+        """(k,), of the measured power, that is left."""
+        return self.residual_power / self.measured_power
+
+    @property
     def nrmse_percent(self) -> FloatArray:
         """Eq. 10 per output, pooled over runs; 100 is perfect."""
-        return 100 * (1 - np.sqrt(self.residual_power / self.measured_power))
+        return 100 * (1 - np.sqrt(self.shares))
 
 
 def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:

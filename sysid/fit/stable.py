@@ -159,7 +159,7 @@ def held_stable(
             model = Model(structure, values)
             if model.stable:
                 error = output_error(model, stacks)
-                cost = float(np.sum(error.residual_power / error.measured_power))
+                cost = float(np.sum(error.shares))
                 if best is None or cost < best[0]:
                     best = (cost, model)
     if best is None:

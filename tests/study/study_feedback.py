@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 import planted  # noqa: E402
-from planted_fits import records  # noqa: E402
+from planted_fits import controlled, records  # noqa: E402
 
 from sysid.data.chirp import Chirp, with_excitation  # noqa: E402
 from sysid.data.dataset import prepared  # noqa: E402
@@ -64,10 +63,7 @@ CASES = (
 
 
 def fly(case: Case, flights: int, seconds: float) -> list[list[planted.Run]]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planted, "RATE_GAIN", case.loop * planted.RATE_GAIN)
-        patch.setattr(planted, "ATTITUDE_GAIN", case.loop * planted.ATTITUDE_GAIN)
-        patch.setattr(planted, "SIZES", {axis: case.size * one for axis, one in planted.SIZES.items()})
+    with controlled(case.loop, case.size):
         seeds = range(FIRST_SEED, FIRST_SEED + flights)
         return planted.fly_many(None, {}, seeds=seeds, duration_s=seconds, gusts=case.gusts)
 

@@ -9,7 +9,7 @@ import numpy as np
 import planted
 import pytest
 from numpy.typing import NDArray
-from planted_fits import records
+from planted_fits import controlled, records
 from scipy.linalg import expm
 
 from sysid.data.chirp import Chirp
@@ -33,9 +33,7 @@ TRUTH = np.array([planted.TABLE_4[name] for name in TPP.names])
 
 def fly(effect: str | None, sizes: Mapping[str, float], seed: int) -> list[Record]:
     """Four chirps of 12 s in doubled gusts, in a loop of double gain, their excitation not logged."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
-        patch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
+    with controlled(loop=2):
         (flight,) = planted.fly_many(effect, sizes, seeds=range(seed, seed + 1), duration_s=12.0, gusts=2.0)
     return records(flight, *EXCITATIONS)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import planted
 import pytest
-from planted_fits import records
+from planted_fits import controlled, records
 
 from sysid.data.record import Record
 from sysid.diagnose import shares, validated
@@ -34,9 +34,7 @@ def fly(
     without: Sequence[str] = EXCITATIONS,
 ) -> list[Record]:
     """Chirps in a loop of double gain, their excitation not logged."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
-        patch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
+    with controlled(loop=2):
         (flight,) = planted.fly_many(effect, sizes, seeds=range(seed, seed + 1), duration_s=seconds, gusts=gusts)
     return records(flight, *without)
 

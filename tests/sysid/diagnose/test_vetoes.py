@@ -14,7 +14,7 @@ import planted
 import pytest
 from more_of_a_kind import thorough
 from planted import PLANTED, Run, fly_many
-from planted_fits import records
+from planted_fits import controlled, records
 
 from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
@@ -125,11 +125,10 @@ def test_what_only_resembles_is_not_named_where_little_power_hides_how_much_it_l
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
-def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
     """A vehicle that lacks nothing, in doubled gusts and a loop of double gain, whose excitation nobody logged."""
-    monkeypatch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
-    monkeypatch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
-    runs = fly_many(None, {}, seeds=[2], duration_s=20.0, gusts=2.0)[0]
+    with controlled(loop=2):
+        runs = fly_many(None, {}, seeds=[2], duration_s=20.0, gusts=2.0)[0]
     found = asked(runs, without=EXCITATIONS)
     assert (found.verdict, found.reason) == ("complete", None)
     logged = asked(runs)

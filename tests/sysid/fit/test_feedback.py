@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import planted
 import pytest
-from planted_fits import records
+from planted_fits import controlled, records
 
 from sysid.data.dataset import prepared
 from sysid.errors import FitError
@@ -28,10 +28,7 @@ BAND = (0.0, 15.0)
 
 def fly(*, seeds: range, loop: float, gusts: float, size: float) -> list[list[planted.Run]]:
     """Chirps of that part of the usual size, in gusts and with a controller of that part of the usual gain."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planted, "RATE_GAIN", loop * planted.RATE_GAIN)
-        patch.setattr(planted, "ATTITUDE_GAIN", loop * planted.ATTITUDE_GAIN)
-        patch.setattr(planted, "SIZES", {axis: size * one for axis, one in planted.SIZES.items()})
+    with controlled(loop, size):
         return planted.fly_many(None, {}, seeds=seeds, duration_s=15.0, gusts=gusts)
 
 
