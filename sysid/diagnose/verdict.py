@@ -19,6 +19,7 @@ from sysid.diagnose.confidence import (
     NAMED_IN_A_LOOP,
     NARROW,
     SURE_OF_A_MODE,
+    UNEXPLAINED_IN_A_LOOP_RIGHT,
     UNTOLD_RIGHT,
     lead,
     leaves_more,
@@ -264,7 +265,7 @@ def _answer(
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
     winner = _winner(singles, pairs, reference)
     if winner is None or winner.fit is None:
-        sure = _of_unexplained(None, chance, 0.0, reference)
+        sure = _of_unexplained(None, chance, 0.0, reference, shares)
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
     chain, enough = choice.larger_first(winner, singles), shares.enough(winner)
     stands_in = bool(winner.implausible) and enough
@@ -306,7 +307,7 @@ def _told(
     if chance is None:
         named = of_single(ratio, shares.left(winner), among) if single else of_chain(ratio, short, among)
         return _named_sure(winner, named)
-    return _of_unexplained(winner, chance, (of_named if single else of_chain)(ratio, short, among), reference)
+    return _of_unexplained(winner, chance, (of_named if single else of_chain)(ratio, short, among), reference, shares)
 
 
 def _sure(winner: Ranked, confidence: float) -> float:
@@ -354,9 +355,12 @@ def _is_a_narrow_mode(winner: Ranked) -> bool:
     return any(abs(mode.damping_ratio) < NARROW for mode in brought)
 
 
-def _of_unexplained(winner: Ranked | None, chance: float, named: float, reference: Reference) -> float:
-    sure = of_unexplained(winner, chance, named)
-    return sure if reference.parent.division.measured else min(sure, IN_A_LOOP_RIGHT)
+def _of_unexplained(winner: Ranked | None, chance: float, named: float, reference: Reference, shares: Shares) -> float:
+    """No surer, where no excitation is logged, than that no loop made it."""
+    sure, left = of_unexplained(winner, chance, named), reference.parent.division
+    if left.measured:
+        return sure
+    return min(sure, IN_A_LOOP_RIGHT if shares.by_feedback(left, chance) else UNEXPLAINED_IN_A_LOOP_RIGHT)
 
 
 def _compared(winner: Ranked, reference: Reference) -> tuple[Size, ...]:

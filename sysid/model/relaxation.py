@@ -17,7 +17,7 @@ from sysid.data.stacks import Stack
 from sysid.errors import SysidError
 from sysid.model.acting import divided, either_side, in_time
 from sysid.model.response import Response
-from sysid.model.structure import FloatArray, Structure
+from sysid.model.structure import AnyArray, FloatArray, Structure
 
 RELAXATION_HZ = 30.0
 RELAXATIONS = 40
@@ -291,25 +291,33 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")
         outputs = run.transform(y[0]) + C @ (new - X - free)
-        before = [*before[-POINTING:], (X, new)] if count >= nearer_in and change < STEADY else []
+        before = [*before[-POINTING:], (X[None], new[None])] if count >= nearer_in and change < STEADY else []
         X = new
         if change < RELAXED:
             break
         if change > 2 * last and change > 0.1:
             raise RelaxationError("the response does not settle")
         last = min(last, change)
-        if len(before) > 1:
-            X = _pointed_to(before)
+        if before:
+            X = _pointed_to(before)[0]
     return _Settled(Y=outputs[:, inside], E=E, X=X, free=free)
 
 
-def _pointed_to(before: Sequence[tuple[ComplexArray, ComplexArray]]) -> ComplexArray:
-    """Where a response settles by its last relaxations, each from where to where, were these linear (Anderson 1965)."""
+def _pointed_to(before: Sequence[tuple[AnyArray, AnyArray]]) -> AnyArray:
+    """Where each of a batch settles by its last relaxations, each from where to where, were these linear (Anderson
+    1965)."""
     (here, there), others = before[-1], before[:-1]
-    left = there - here
-    apart = np.stack([left - (to - begin) for begin, to in others]).reshape(len(others), -1).view(float)
-    shares = np.linalg.lstsq(apart @ apart.T, apart @ left.reshape(-1).view(float), rcond=1e-10)[0]
-    return np.asarray(there - np.tensordot(shares, np.stack([there - to for _, to in others]), 1))
+    if not others:
+        return there
+
+    def flat(one: AnyArray) -> FloatArray:
+        return np.ascontiguousarray(one).reshape(len(one), -1).view(float)
+
+    left = flat(there - here)
+    apart = np.stack([left - flat(to - begin) for begin, to in others], axis=1)
+    gram = _settling(apart @ apart.transpose(0, 2, 1))
+    shares = (np.linalg.pinv(gram, 1e-10, hermitian=True) @ (apart @ left[:, :, None]))[:, :, 0]
+    return np.asarray(there - np.einsum("bj,bj...->b...", shares, np.stack([there - to for _, to in others], axis=1)))
 
 
 class _Explaining(NamedTuple):
@@ -400,23 +408,10 @@ class _Tangent(NamedTuple):
             before.append((moving, new))
             if np.all(change <= DIFFERENCE_RELAXED * most):
                 break
-            moving = _each_pointed_to(before)
+            moving = _pointed_to(before)
         moved += answered
         settled = before[-1][1] if before else plain
         return moved[:, run.measured], np.einsum("kct,bct->bkt", self.outputs, self.size * settled)
-
-
-def _each_pointed_to(before: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """The same as `_pointed_to`, of each of a batch by itself."""
-    (here, there), others = before[-1], before[:-1]
-    if not others:
-        return there
-    left = (there - here).reshape(len(here), -1)
-    apart = np.stack([left - (to - begin).reshape(left.shape) for begin, to in others], axis=1)
-    shares = np.linalg.pinv(apart @ apart.transpose(0, 2, 1), 1e-10, hermitian=True) @ (apart @ left[:, :, None])
-    return np.asarray(
-        there - np.einsum("bj,bj...->b...", shares[:, :, 0], np.stack([there - to for _, to in others], axis=1))
-    )
 
 
 def _settle_beside(

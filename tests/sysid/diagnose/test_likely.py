@@ -16,6 +16,7 @@ from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.confidence import (
     COMPLETE_RIGHT,
     UNEXPLAINED_RIGHT,
+    VETO_RIGHT,
     leaves_more,
     of_complete,
     of_named,
@@ -186,7 +187,10 @@ def test_unexplained_is_as_sure_as_there_is_something() -> None:
     assert sure[0] < 0.5 < sure[1] < sure[2] == pytest.approx(UNEXPLAINED_RIGHT, abs=0.01)
 
 
-@pytest.mark.parametrize(("chi_squared", "least", "most"), [(480.0, 0.0, 0.65), (900.0, 0.8, 0.86)])
+@pytest.mark.parametrize(
+    ("chi_squared", "least", "most"),
+    [(480.0, VETO_RIGHT - 0.01, VETO_RIGHT + 0.01), (900.0, UNEXPLAINED_RIGHT - 0.01, UNEXPLAINED_RIGHT)],
+)
 def test_unexplained_is_as_sure_as_the_likeliest_leaves_something(
     chi_squared: float, least: float, most: float
 ) -> None:
