@@ -393,17 +393,12 @@ def rank(one: Ranked) -> tuple[int, float]:
     return (2, 0.0)
 
 
-def residual_shares(one: Candidate) -> FloatArray:
-    """Residual over measured power by output."""
-    return one.estimate.error.shares
-
-
 def noise_shares(best: Candidate, terms: Selection | None) -> FloatArray:
     """N by output: what the likeliest candidate leaves, less what of that the commands or a simple term explain.
 
     What a division seems to find where it finds nothing significant is left where it is.
     """
-    whole = residual_shares(best)
+    whole = best.estimate.error.shares
     left = best.division
     if log_chance(left.chi_squared, left.degrees) < SIGNIFICANT:
         linear = whole * left.noise_share

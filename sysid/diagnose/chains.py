@@ -24,7 +24,6 @@ from sysid.diagnose.candidates import (
     noise_shares,
     rank,
     ranked,
-    residual_shares,
     score_effects,
 )
 from sysid.diagnose.evidence import Candidate, gain
@@ -158,7 +157,7 @@ def points_left(one: Ranked, reference: Reference) -> float:
     commands explain, and what simple terms do."""
     assert one.fit is not None
     fit = one.fit
-    reached = np.sqrt(residual_shares(fit))
+    reached = np.sqrt(fit.estimate.error.shares)
 
     def left(terms: Selection | None) -> float:
         return float(np.max(100 * (reached - np.sqrt(noise_shares(fit, terms))), initial=0.0))

@@ -16,7 +16,6 @@ from sysid.diagnose.candidates import (
     composed_with,
     explained_by,
     heard,
-    residual_shares,
     values_outside,
 )
 from sysid.diagnose.evidence import Candidate, refit
@@ -120,7 +119,7 @@ def _price(one: Ranked) -> float:
 
 def _avoidable(best: Candidate, parent: Candidate) -> float:
     """Error share of the parent that is no noise, as far as the best so far tells."""
-    left = float(np.sum((1 - best.division.noise_share) * residual_shares(best)))
+    left = float(np.sum((1 - best.division.noise_share) * best.estimate.error.shares))
     return parent.error_share - best.error_share + left
 
 
@@ -137,7 +136,7 @@ def _share(one: Ranked, top: float) -> float:
 
 def _leaves_more(best: Candidate, parent: Candidate) -> bool:
     """Whether the best of the quick ones leaves more than noise, and more than crumbs."""
-    left, whole = best.division, residual_shares(best)
+    left, whole = best.division, best.estimate.error.shares
     if float(np.max(100 * (1 - np.sqrt(left.noise_share)) * np.sqrt(whole))) < CRUMBS:
         return False
     explained = parent.error_share - best.error_share

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
+from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.likely import misfit
 from sysid.diagnose.slow_modes import SlowMode
@@ -102,7 +102,7 @@ class Shares:
         mode = reference.mode(best) if significant and parent.division.measured else None
         if mode is not None and mode.log_p >= SIGNIFICANT:
             mode = None
-        noise = noise_shares(best, terms) if significant else residual_shares(best)
+        noise = noise_shares(best, terms) if significant else best.estimate.error.shares
         floor = dict(zip(parent.model.structure.outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
         return cls(
             least=least(parent.division),

@@ -397,20 +397,19 @@ class _Tangent(NamedTuple):
             return moved[:, run.measured], np.zeros((len(moved), len(run.measured), run.grid))
         plain = run.on_grid(moved[:, self.columns]) / self.size
         back = self.transfer[:, self.rows]
-        moving, answered = plain, np.zeros_like(moved)
+        moving, settled, answered = plain, plain, np.zeros_like(moved)
         before: list[tuple[FloatArray, FloatArray]] = []
         for _ in range(RELAXATIONS if self.rows else 0):
             answered = _through(back, run.transform(np.einsum("rct,bct->brt", self.rates, self.size * moving)))
-            new = plain + run.on_grid(answered[:, self.columns]) / self.size
-            change, most = (np.max(np.abs(one), axis=(1, 2)) for one in (new - moving, new))
+            settled = plain + run.on_grid(answered[:, self.columns]) / self.size
+            change, most = (np.max(np.abs(one), axis=(1, 2)) for one in (settled - moving, settled))
             if not np.all(np.isfinite(change)):
                 raise RelaxationError("the response grows without limit")
-            before.append((moving, new))
+            before.append((moving, settled))
             if np.all(change <= DIFFERENCE_RELAXED * most):
                 break
             moving = _pointed_to(before)
         moved += answered
-        settled = before[-1][1] if before else plain
         return moved[:, run.measured], np.einsum("kct,bct->bkt", self.outputs, self.size * settled)
 
 

@@ -204,6 +204,7 @@ def run(case: Case) -> dict[str, Any]:
 def _strange(case: Case) -> dict[str, Any]:
     """A vehicle that nobody knows: its truth, and what is said of it."""
     from strangers.asking import ask as ask_strange
+    from strangers.asking import fit as fit_strange
     from strangers.flights import fly as fly_strange
 
     begin = time.process_time()
@@ -217,11 +218,12 @@ def _strange(case: Case) -> dict[str, Any]:
     }
     try:
         said = ask_strange(flown)
+        fit = None if flown.hidden.names else fit_strange(flown)
     except Exception as error:
         return answer | {"failed": f"{type(error).__name__}: {error}"}
     second = None if said.second is None else told(said.second)
-    fit = {} if said.fit is None else _numbers("fit", said.fit.model, said.fit.covariance)
-    return answer | told(said.first) | fit | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
+    numbers = {} if fit is None else _numbers("fit", fit.model, fit.covariance)
+    return answer | told(said.first) | numbers | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
 
 
 def mixed(first: int, count: int) -> Iterator[Case]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from strangers.flights import Stranger
 from sysid.data.airframe import Airframe
@@ -50,26 +51,42 @@ class Answer:
     """What is said of the time of the commands, where it explains what is left: `CommandsThinned`, `CommandsLate`."""
     seconds: float
     """Of computing, of the first."""
-    fit: Fit | None
-    """The base as `tippath fit` has it, where nothing is hidden."""
+
+
+class _Question(NamedTuple):
+    """A flight's runs, as they are asked."""
+
+    base: str
+    runs: list[Record]
+    fitted: list[Record]
+    judging: list[Record]
+    band_hz: tuple[float, float]
+
+    @classmethod
+    def of(cls, stranger: Stranger) -> _Question:
+        runs = records(stranger)
+        fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
+        base = "tpp" if stranger.plan.vehicle.flaps else "cd"
+        return cls(base, runs, fitted, judging, (swept_band(fitted) or USUAL).hz)
+
+
+def fit(stranger: Stranger) -> Fit:
+    """The base as `tippath fit` has it."""
+    base, runs, fitted, judging, band_hz = _Question.of(stranger)
+    return identify(on_runs(base, (), runs, fitted), fitted, judging, band_hz)
 
 
 def ask(stranger: Stranger) -> Answer:
     """What is said of a strange flight, by its log and card."""
-    runs = records(stranger)
-    base = "tpp" if stranger.plan.vehicle.flaps else "cd"
-    fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
-    band_hz = (swept_band(fitted) or USUAL).hz
-    structure = on_runs(base, (), runs, fitted)
+    base, runs, fitted, judging, band_hz = _Question.of(stranger)
     begin = time.process_time()
-    found = weighed(diagnose(structure, fitted, judging, band_hz))
+    found = weighed(diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz))
     early = clocks(found)
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
         second = diagnose(on_runs(base, (found.effect,), runs, fitted), fitted, judging, band_hz)
-    fit = None if stranger.hidden.names else identify(structure, fitted, judging, band_hz)
-    return Answer(found, second, None if early is None else type(early).__name__, taken, fit)
+    return Answer(found, second, None if early is None else type(early).__name__, taken)
 
 
 def weighed(answer: Diagnosis) -> Diagnosis:
