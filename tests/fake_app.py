@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import itertools
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,6 +32,9 @@ from gcs.tui.widgets.lines import Lines
 from gcs.tui.worker import FlightWorker
 from gcs.vehicle.readiness import Item, Standing
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
+
+PATIENCE_S = 180.0
+"""For what a busy machine shows at last: no test is about how long that takes."""
 
 VEHICLE = VehicleSnapshot(
     system=1,
@@ -274,10 +278,17 @@ def _places(app: TippathApp) -> list[tuple[Any, ...]]:
     return [(box.region, box.container_size, box.shown) for box in app.screen.query(Lines)]
 
 
+async def until(condition: Callable[[], object]) -> None:
+    """Wait until it is so. Raises TimeoutError after PATIENCE_S."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.02)
+
+
 async def _drawn(app: TippathApp) -> None:
     """Until the screen on top has been drawn: one that was just left answers no more, so the newest is asked anew."""
     drawn = asyncio.Event()
-    async with asyncio.timeout(60.0):  # an app that ended does not draw
+    async with asyncio.timeout(PATIENCE_S):  # an app that ended does not draw
         while not drawn.is_set():
             app.screen.call_after_refresh(drawn.set)
             with contextlib.suppress(TimeoutError):
@@ -286,7 +297,7 @@ async def _drawn(app: TippathApp) -> None:
 
 async def make_ready(pilot: Pilot[Any], engine: FlightWorker) -> None:
     """R, and again where that was not taken: a busy machine answers late now and then."""
-    async with asyncio.timeout(60.0):
+    async with asyncio.timeout(PATIENCE_S):
         while engine.state().stage is not Stage.READY:
             if engine.state().stage is Stage.IDLE:
                 await pilot.press("r")

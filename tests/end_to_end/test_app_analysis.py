@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_app import screen_text, settle
+from fake_app import screen_text, settle, until
 from flown_folder import fly_folder
 from flying import CHIRP, DOUBLET, LAG, PITCH, ROLL, TWO_CHIRPS, Card
 from textual.widgets import Input
@@ -26,12 +24,6 @@ CARD = (
 
 LONG: Card = tuple((CHIRP, axis, size, 10.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15)))
 """Long enough to be halved."""
-
-
-async def until(condition: Callable[[], object], within_s: float = 30.0) -> None:
-    async with asyncio.timeout(within_s):
-        while not condition():
-            await asyncio.sleep(0.02)
 
 
 @pytest.mark.usefixtures("only_effects", "answers_kept")
@@ -67,7 +59,7 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             app.simulate_key("d")  # the pilot's own press waits until nothing is worked on
             await until(lambda: desk.state().busy != "")
             app.simulate_key("f12")
-            await until(lambda: "nothing to abort" in engine.state().said, 2)
+            await until(lambda: "nothing to abort" in engine.state().said)
             app.simulate_key("k")
             await until(lambda: not desk.state().busy)
             assert desk.state().answer is None

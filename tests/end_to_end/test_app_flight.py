@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_app import make_ready
+from fake_app import make_ready, until
 
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.tui.app import TippathApp
@@ -25,12 +25,6 @@ amplitude = 0.05
 duration_s = 8
 f_start_hz = 1.0
 """
-
-
-async def until(condition, within_s=60.0):
-    async with asyncio.timeout(within_s):
-        while not condition():
-            await asyncio.sleep(0.02)
 
 
 @pytest.fixture

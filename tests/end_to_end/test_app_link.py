@@ -6,11 +6,10 @@ import asyncio
 import json
 import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_app import make_ready, screen_text, settle
+from fake_app import make_ready, screen_text, settle, until
 from radio import Radio, on_radio
 
 from gcs.tui.app import TippathApp
@@ -28,12 +27,6 @@ f_start_hz = 1.0
 """
 OUTAGE_S = 4.2
 """Longer than the 3.5 s after which a link counts as lost."""
-
-
-async def until(condition: Callable[[], object], within_s: float = 60.0) -> None:
-    async with asyncio.timeout(within_s):
-        while not condition():
-            await asyncio.sleep(0.02)
 
 
 @pytest.mark.realtime
