@@ -25,7 +25,6 @@ from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.preprocess import RESPONSE
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.chains import BudgetSpent, LittleLeft
 from sysid.diagnose.clocks import clocks
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
@@ -37,6 +36,7 @@ from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder, wi
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
 from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.identify import on_runs

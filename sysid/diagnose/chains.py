@@ -7,7 +7,7 @@ fitted, so that the same runs give the same answer on every machine.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,9 +33,10 @@ from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import NEAR, PRICES, as_scored, goes_by_its_score, refitted
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.term_search import Selection
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, Unsearched
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics
-from sysid.model.effect import EffectError, named_effect
+from sysid.model.effect import EffectError, catalogue, named_effect
 from sysid.model.structure import Model, Structure
 
 PARENTS_OF_PAIRS = 3
@@ -48,8 +49,6 @@ TWINS = 1e-6
 """The same, below which two effects are one under two names."""
 SECONDS = 4
 """How many effects are refitted on each of them."""
-
-
 LITTLE_POINTS = 0.3
 """Of NRMSE, that an effect may leave for no chain to be looked for beside it, where that does not matter to the loop
 that would be designed."""
@@ -63,41 +62,6 @@ LOOKS = {"linear": 0.6, "samples": 2.0, "in time": 15.0}
 """of a look at each beginning before a refit, by what has to be simulated, beside PRICES of that."""
 DEAR = PRICES["in time"]
 """Price of a refit from which on it is for no crumbs."""
-
-
-@dataclass(frozen=True, slots=True)
-class LittleLeft:
-    """No chain was looked for: beside the best single effect no output could gain more."""
-
-    points: float
-    """Of NRMSE, in the output that has most left."""
-
-    def to_json(self) -> dict[str, object]:
-        """For the `tippath.diagnosis/1` document."""
-        return {"reason": "little left", "points": self.points}
-
-
-@dataclass(frozen=True, slots=True)
-class BudgetSpent:
-    """What promised less was left out, because the search had cost its budget, or somebody ended it."""
-
-    chains: tuple[tuple[str, str], ...]
-    """The first effect and the second, in the order in which they would have been tried."""
-    firsts: tuple[str, ...] = ()
-    """Effects beside which nothing was asked."""
-    interrupted: bool = False
-    """By Ctrl-C: what was found until then is the answer."""
-
-    def to_json(self) -> dict[str, object]:
-        """For the `tippath.diagnosis/1` document."""
-        return {
-            "reason": "interrupted" if self.interrupted else "budget",
-            "chains": ["+".join(one) for one in self.chains],
-            "firsts": list(self.firsts),
-        }
-
-
-Unsearched = LittleLeft | BudgetSpent
 
 
 @dataclass(frozen=True, slots=True)
@@ -407,19 +371,38 @@ class _Chains:
         return both
 
     def exchange_halves(self) -> None:
-        """What alone explains the same as a half of the best chain, or by its score as much beside the other half, may
-        stand in its place."""
-        best = self.best
-        for half, other in (best.effects, best.effects[::-1]):
-            again = Ranked(effects=(other,), score=None, not_testable=None)
+        """Put what may stand there in the place of each half of the best chain, until none is better."""
+        while True:
+            best = self.best
+            for first, second in self.exchanges(best):
+                self.fit(first, second)
+                if self.best.effects != best.effects:
+                    break
+            else:
+                return
+
+    def exchanges(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
+        """What rests as a half of it does, alone explains the same, or by its score as much beside the other half; each
+        with what it is to be fitted beside."""
+        for half, other in (chain.effects, chain.effects[::-1]):
+            if other in self.single:
+                yield from ((self.single[other], one) for one in self.rests_as(half) if self.is_new(one, other))
+        for half, other in (chain.effects, chain.effects[::-1]):
+            again = _unasked(other)
             for one in self.like_alone(half):
-                if one.effect in best.effects or _names(one.effect, other) in self.found:
-                    continue
-                if self.not_too_dear(one, again):
-                    self.fit(one, again)
+                if self.is_new(one, other) and self.not_too_dear(one, again):
+                    yield one, again
             for one in self.like_beside(other, half):
-                if one.effect not in best.effects and _names(one.effect, other) not in self.found:
-                    self.fit(self.single[other], one)
+                if self.is_new(one, other):
+                    yield self.single[other], one
+
+    def is_new(self, one: Ranked, other: str) -> bool:
+        return one.effect != other and _names(one.effect, other) not in self.found
+
+    def rests_as(self, half: str) -> list[Ranked]:
+        """A dead band for play and the other way round, which beside a lag only fits tell apart."""
+        resting = [one.id for one in (*catalogue().values(), *self.reference.users) if one.rests_within is not None]
+        return [_unasked(name) for name in resting if half in resting and name != half]
 
     def not_too_dear(self, one: Ranked, other: Ranked) -> bool:
         """Whether a refit is cheap, or may be worth it: what alone explains less than a half of the best chain by more
@@ -452,6 +435,10 @@ class _Chains:
         ]
         begin = self.single[other].fit if like else None
         return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR][:SECONDS]
+
+
+def _unasked(name: str) -> Ranked:
+    return Ranked(effects=(name,), score=None, not_testable=None)
 
 
 def _names(first: str, second: str) -> tuple[str, ...]:

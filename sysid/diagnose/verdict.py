@@ -11,7 +11,6 @@ from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose import choice
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
-from sysid.diagnose.chains import Unsearched
 from sysid.diagnose.confidence import (
     CHAIN_NAMED,
     IN_A_LOOP_RIGHT,
@@ -38,6 +37,7 @@ from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection, select
 from sysid.diagnose.thinned import samples_lost, untold
+from sysid.diagnose.unsearched import Unsearched
 from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import Division
 from sysid.fit.result import finite

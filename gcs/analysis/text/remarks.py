@@ -22,7 +22,7 @@ from gcs.analysis.diagnosis import (
 from gcs.analysis.quantities import listed
 from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
 from gcs.analysis.text.checks import early_text
-from sysid.diagnose.chains import BudgetSpent, LittleLeft
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
 
 
 def remark_text(remark: Remark, offers: Offers = SHELL) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from gcs.analysis.diagnosis import StepsLost
 from gcs.analysis.text.remarks import remark_text
-from sysid.diagnose.chains import BudgetSpent, LittleLeft
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
 
 
 @pytest.mark.parametrize(

@@ -79,14 +79,15 @@ def flown(vehicle: Vehicle, hidden: Hidden, air: Air, loop: Loop) -> Flown:
         feedback[:, [states.index("phi"), states.index("theta")]] += vehicle.attitude_gain
         command[:, :2] -= np.einsum("ij,njr->nir", vehicle.rate_gain, air.noise)
     nothing = np.zeros_like(air.r)
+    others = hidden.others(np.stack([air.delta_c - COLLECTIVE, air.delta_r], axis=1), loop.dt)
     outside = {
-        "c": air.delta_c - COLLECTIVE,
-        "r_command": air.delta_r,
+        "c": others[:, 0],
+        "r_command": others[:, 1],
         "gust_p": air.gust[:, 0],
         "gust_q": air.gust[:, 1],
         "r": air.r,
     }
-    outside["omega"] = hidden.rotor_speed(air.omega, outside["c"], loop.dt)
+    outside["omega"] = hidden.rotor_speed(air.omega, air.delta_c - COLLECTIVE, loop.dt)
     mean = {"omega": np.full(air.r.shape[1], air.omega[:, : loop.fitted].mean()), "airspeed": np.ones(air.r.shape[1])}
     flight = _Flight(
         E,

@@ -425,6 +425,9 @@ class Hidden:
                 change(found, vehicle, size)
             elif name not in FOREIGN:
                 found = _beside(found, equations(name, size, False, vehicle.table), vehicle)
+        for name, size in zip(self.names, self.sizes, strict=True):
+            if name in ("servo_lag", "servo_second_order"):
+                _serve_others(found, name, size)
         return found
 
     def rotor_speed(self, omega: Array, collective: Array, dt: float) -> Array:
@@ -438,6 +441,16 @@ class Hidden:
                 pulled = lfilter([0.0, 1 - left], [1.0, -left], collective, axis=0)
                 return np.asarray(NOMINAL_OMEGA * (1 - size["k_g"] * (half * pulled + (1 - half) * collective)))
         return omega
+
+    def others(self, commands: Array, dt: float) -> Array:
+        """(n, commands, runs) of collective and yaw: what servos of the cyclic's make do to them sample by sample. A
+        ring that ends the swashplate's tilt ends no collective."""
+        for name, size in zip(self.names, self.sizes, strict=True):
+            if name in ACTUATOR_EFFECTS and name != "servo_saturation" and "input_coupling" in self.names:
+                servos = _Actuators(name, size, commands[0], dt)
+                pieces = (servos.pieces(command, 1) for command in commands)
+                return np.stack([sum(h * acting for h, acting in parts) / dt for parts in pieces])
+        return commands
 
     def actuators(self, trim: Array, dt: float) -> _Actuators:
         for name, size in zip(self.names, self.sizes, strict=True):
@@ -491,6 +504,23 @@ def _beside(found: _Equations, more: _Equations, vehicle: Vehicle) -> _Equations
     if more.measured != base.measured:
         found.measured = more.measured
     return found
+
+
+def _serve_others(E: _Equations, name: str, size: Sizes) -> None:
+    """Put servos of the cyclic's make between collective and yaw commands and what reads them."""
+    for signal in ("c", "r_command"):
+        moved, moving = f"v_{signal}", f"w_{signal}"
+        readers = [row for row in E.rows.values() if signal in row]
+        if not readers:
+            continue
+        for row in readers:
+            row[moved] = row.pop(signal)
+        if name == "servo_lag":
+            E.add(moved, **{signal: 1 / size["tau_s"], moved: -1 / size["tau_s"]})
+        else:
+            w, zeta = 2 * math.pi * size["frequency"], size["zeta"]
+            E.add(moved, **{moving: 1.0})
+            E.add(moving, **{signal: w * w, moved: -w * w, moving: -2 * zeta * w})
 
 
 LATE = frozenset({"servo_lag", "servo_second_order", "transport_delay", "gyro_lag", "gyro_filter"})

@@ -16,11 +16,12 @@ from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
 from sysid.diagnose import chains, shares, verdict
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
+from sysid.diagnose.chains import price
 from sysid.diagnose.diagnose import _under, diagnose
 from sysid.diagnose.loop_change import MarginChange
 from sysid.diagnose.progress import unheard
 from sysid.diagnose.score import Score
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
@@ -266,6 +267,46 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     assert names == ["gyro_filter", "gyro_lag"]
     assert "attitude_stiffness" in [one.effect for one in search.like_alone("speed_stability")]
     assert [one.effect for one in search.like_alone("slipstream_wing")] == ["slipstream_wing"], "what is plausible"
+
+
+def exchanged(search: chains._Chains, chi_squared: dict[tuple[str, str], float], patch: pytest.MonkeyPatch) -> Ranked:
+    """The best chain after exchanges from the first of these, the others being what fits would find."""
+
+    def fit(_: object, first: Ranked, second: Ranked) -> None:
+        names = (first.effect, second.effect)
+        found = chi_squared.get(names, chi_squared.get(names[::-1], 0.0))
+        search.found[chains._names(*names)] = replace(alone("", found), effects=names)
+
+    patch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
+    patch.setattr(chains._Chains, "fit", fit)
+    search.reference = cast("Any", SimpleNamespace(users=()))
+    fit(None, *(Ranked(effects=(name,), score=None, not_testable=None) for name in next(iter(chi_squared))))
+    search.exchange_halves()
+    return search.best
+
+
+def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damping took the place of a gyroscopic hub; beside it a lag of the servos, the truth, was not asked."""
+    gyro, servo = alone("gyro_lag", 2218.0), alone("servo_lag", 2218.0)
+    damping, hub = alone("angular_damping", 500.0), alone("hub_gyroscopics", 600.0)
+    search = search_of(False, gyro, servo, damping, hub)
+    late = (gyro, servo)
+    monkeypatch.setattr(chains, "_apart", lambda one, other, *_: (one in late) != (other in late))
+    found = {
+        ("gyro_lag", "hub_gyroscopics"): 2826.0,
+        ("gyro_lag", "angular_damping"): 2835.0,
+        ("servo_lag", "angular_damping"): 2836.0,
+    }
+    assert set(exchanged(search, found, monkeypatch).effects) == {"servo_lag", "angular_damping"}
+
+
+def test_a_dead_band_is_asked_where_play_is_half_of_the_best_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a filter both scored little, and play was never held against a dead band that explained more."""
+    search = search_of(False, alone("gyro_filter", 979.0), alone("transport_delay", 975.0))
+    monkeypatch.setattr(chains, "_apart", lambda *_: True)
+    found = {("gyro_filter", "servo_backlash"): 1032.0, ("gyro_filter", "servo_deadband"): 1073.0}
+    assert set(exchanged(search, found, monkeypatch).effects) == {"gyro_filter", "servo_deadband"}
+    assert not search.rests_as("servo_rate_limit"), "a limit is none of the two"
 
 
 def test_what_is_dear_takes_the_place_of_a_half_only_where_it_may_be_as_good(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,8 @@ from sysid.data import preprocess
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
 from sysid.diagnose import by_noise, candidates, choice, diagnose, reach, refits, score, shares, size_check, verdict
-from sysid.diagnose.chains import BudgetSpent
 from sysid.diagnose.shares import Shares
+from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import ByWhatIsNew, validation_of
 from sysid.diagnose.verdict import LARGEST_DIFFERENCE, Diagnosis
 from sysid.errors import FitError
