@@ -24,7 +24,7 @@ from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.predict import respond
-from sysid.model.relaxation import RELAXATION_HZ
+from sysid.model.relaxation import reach_hz
 from sysid.model.structure import AnyArray, FloatArray, Structure
 
 STAGES = {
@@ -258,7 +258,7 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
     front, rest = divided(probe.structure)
     segment, n, m = one.segment, len(rest.states), len(rest.commands)
     length = segment.samples * segment.dt
-    bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length + 1e-6), (segment.samples - 1) // 2)
+    bins = min(int(reach_hz(one) * length + 1e-6), (segment.samples - 1) // 2)
     grid = next_fast_len(4 * bins)
     s = 2j * np.pi * np.arange(bins + 1) / length
     held_s = segment.held_s

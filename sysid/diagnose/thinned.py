@@ -83,8 +83,9 @@ def untold(runs: Dataset) -> bool:
 
 
 def samples_lost(runs: Dataset) -> bool:
-    """Whether a log that is slower than any likely loop lost samples of its commands, as far as is known."""
-    return untold(runs) or any(piece.dt >= SLOW_S and lost_commands(piece.dt, piece.record) for piece in runs.pieces)
+    """Whether a log lost samples of its commands: it is slower than its loop, as far as that is known, or than any
+    likely one."""
+    return untold(runs) or any(lost_commands(piece.dt, piece.record) for piece in runs.pieces)
 
 
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:
