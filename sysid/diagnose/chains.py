@@ -27,7 +27,7 @@ from sysid.diagnose.candidates import (
     score_effects,
 )
 from sysid.diagnose.evidence import Candidate, gain
-from sysid.diagnose.likely import CHANCE, misfit
+from sysid.diagnose.likely import CHANCE, misfit, twins
 from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import NEAR, PRICES, as_scored, goes_by_its_score, refitted
@@ -45,8 +45,6 @@ LEAST_OF_BEST = 0.1
 """Of what the best effect explains, that another explains to begin a chain: what is less is found beside the best."""
 ALIKE = 0.2
 """Of what two effects explain, by which their answers must differ to begin two chains."""
-TWINS = 1e-6
-"""The same, below which two effects are one under two names."""
 SECONDS = 4
 """How many effects are refitted on each of them."""
 LITTLE_POINTS = 0.3
@@ -274,11 +272,8 @@ class _Chains:
         return one in self.alone and other in self.alone and not _apart(self.alone[one], self.alone[other])
 
     def twins(self, one: str, other: str) -> bool:
-        """Whether two plausible effects are the same one under two names, as a lag of all servos and of both gyros."""
-        if one not in self.alone or other not in self.alone:
-            return False
-        first, second = self.alone[one], self.alone[other]
-        return first.added == second.added and not _apart(first, second, TWINS)
+        """Whether two plausible effects are the same one under two names."""
+        return one in self.alone and other in self.alone and twins(self.alone[one], self.alone[other])
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
         """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
@@ -459,11 +454,11 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
     return chosen
 
 
-def _apart(one: Ranked, other: Ranked, alike: float = ALIKE) -> bool:
+def _apart(one: Ranked, other: Ranked) -> bool:
     """Whether two effects explain different things: how far their answers are apart, beside what they explain."""
     assert one.stepped is not None
     assert other.stepped is not None
-    return gain(one.stepped, other.stepped)[1] > alike * min(one.chi_squared, other.chi_squared)
+    return gain(one.stepped, other.stepped)[1] > ALIKE * min(one.chi_squared, other.chi_squared)
 
 
 def _remainder(one: Ranked, reference: Reference) -> float:

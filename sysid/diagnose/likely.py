@@ -40,7 +40,8 @@ CERTAIN = 0.97
 USEFUL, ENOUGH = 3, 0.7
 """or the likeliest three, where they hold so much, and are so much less sure: longer lists tell nobody what to do."""
 
-
+TWINS = 1e-6
+"""Of what two effects explain alone, by which their answers may differ and they be one under two names."""
 BETWEEN_SAMPLES = 1 / 3
 """Of the answer's chi squared: what acts on samples and has so much is as good where a log lost some. 9 strange flights
 of play or a dead band, at 50 to 125 Hz, were named one of the two, 3 wrongly; then the right one had 0.39 to 0.88."""
@@ -100,6 +101,32 @@ def where_samples_are_lost(among: Class, winner: Ranked, candidates: Sequence[Ra
     others = [one for one in candidates if one.fit is not None and not one.implausible and _on_samples(one)]
     more = [one.effect for one in others if one.chi_squared >= least and one.effect not in known]
     return replace(among, alike=(*among.alike, *more))
+
+
+def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
+    """The class of a chain with what is one with an entry of it alone: beside what is linear, or acts on samples of the
+    commands before it, it is so too, wherever a fit of its own ended, if there was one."""
+    if len(winner.effects) == 1 or not all(effect.linear or effect.samples is not None for effect in winner.own):
+        return among
+    fitted = [one for one in singles if one.stepped is not None and not one.implausible]
+    known = {*winner.effects, *among.alike, *(name for names in among.equivalent.values() for name in names)}
+    equivalent = dict(among.equivalent)
+    for one in fitted:
+        if one.effect not in (*winner.effects, *among.alike):
+            continue
+        more = [each.effect for each in fitted if each.effect not in known and twins(one, each)]
+        known.update(more)
+        if more:
+            equivalent[one.effect] = (*equivalent.get(one.effect, ()), *more)
+    return replace(among, equivalent=equivalent)
+
+
+def twins(one: Ranked, other: Ranked) -> bool:
+    """Whether two are the same one under two names, as a lag of all servos and of both gyros."""
+    assert one.stepped is not None
+    assert other.stepped is not None
+    apart = gain(one.stepped, other.stepped)[1]
+    return one.added == other.added and apart <= TWINS * min(one.chi_squared, other.chi_squared)
 
 
 def _on_samples(one: Ranked) -> bool:

@@ -29,7 +29,7 @@ from sysid.diagnose.confidence import (
     of_unexplained,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain, nrmse_percent
-from sysid.diagnose.likely import SAME, Class, declared, misfit, near, where_samples_are_lost
+from sysid.diagnose.likely import SAME, Class, declared, misfit, near, where_samples_are_lost, with_twins
 from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares, least
@@ -295,7 +295,7 @@ def _answer(
 def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked]) -> Class:
     """Also by what the log lost of the commands."""
     assert winner.fit is not None
-    among = declared(winner, answers)
+    among = with_twins(declared(winner, answers), winner, singles)
     return where_samples_are_lost(among, winner, singles) if samples_lost(winner.fit.dataset) else among
 
 

@@ -263,6 +263,7 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     search.seconds["attitude_stiffness"] = lags
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
     monkeypatch.setattr(chains, "_apart", lambda *_: False)
+    monkeypatch.setattr(chains, "twins", lambda *_: False)
     names = [one.effect for one in search.like_beside("attitude_stiffness", "gyro_filter")]
     assert names == ["gyro_filter", "gyro_lag"]
     assert "attitude_stiffness" in [one.effect for one in search.like_alone("speed_stability")]
@@ -291,7 +292,8 @@ def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatc
     damping, hub = alone("angular_damping", 500.0), alone("hub_gyroscopics", 600.0)
     search = search_of(False, gyro, servo, damping, hub)
     late = (gyro, servo)
-    monkeypatch.setattr(chains, "_apart", lambda one, other, *_: (one in late) != (other in late))
+    monkeypatch.setattr(chains, "_apart", lambda one, other: (one in late) != (other in late))
+    monkeypatch.setattr(chains, "twins", lambda one, other: one in late and other in late)
     found = {
         ("gyro_lag", "hub_gyroscopics"): 2826.0,
         ("gyro_lag", "angular_damping"): 2835.0,
@@ -350,7 +352,7 @@ def test_of_what_is_dear_and_alone_alike_the_best_stands_for_all(monkeypatch: py
         *(scored("servo_lag", 2424.0), scored("transport_delay", 2368.0), scored("servo_rate_limit", 1700.0)),
         *(scored("gyro_filter", 1649.0), scored("dynamic_inflow", 967.0)),
     ]
-    monkeypatch.setattr(chains, "_apart", lambda one, other, *_: inflow in (one, other))
+    monkeypatch.setattr(chains, "_apart", lambda one, other: inflow in (one, other))
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
     kinds = [(one.effect, promise.effect) for one, promise in search.of_each_kind(seconds, cast("Any", None))]
     assert kinds == [

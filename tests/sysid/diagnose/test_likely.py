@@ -165,6 +165,25 @@ def test_where_samples_of_commands_are_lost_play_and_a_dead_band_are_one_answer(
     assert likely.where_samples_are_lost(told, lag, others).alike == ()  # a lag does not hang on samples
 
 
+@pytest.mark.parametrize(
+    ("other_half", "told"),
+    [("servo_backlash", {"servo_lag": ("gyro_lag",)}), ("input_coupling", {"servo_lag": ("gyro_lag",)}),
+     ("quadratic_damping", {})],
+)  # fmt: skip
+def test_what_is_one_alone_is_one_in_a_chain_too_wherever_its_fit_ended(
+    other_half: str, told: dict[str, tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside play a lag of the gyros, the truth, had ended at another half-width than one of the servos."""
+    monkeypatch.setattr(Ranked, "own", property(lambda one: tuple(catalogue()[name] for name in one.effects)))
+    chain = replace(refitted("servo_lag"), effects=("servo_lag", other_half))
+    lag, gyro, delay = refitted("servo_lag", 50.0), refitted("gyro_lag", 50.0), refitted("transport_delay", 50.0, 1)
+    found = declared(chain, [chain])
+    assert likely.with_twins(found, chain, [lag, gyro, delay]).equivalent == told
+    impossible = replace(gyro, implausible=("tau_g",))
+    assert likely.with_twins(found, chain, [lag, impossible, delay]).equivalent == {}
+    assert likely.with_twins(declared(lag, [lag]), lag, [lag, gyro]).equivalent == {}, "of a single one fits tell"
+
+
 def test_a_likelier_rival_of_doubtful_values_hides_no_other() -> None:
     lag, other = refitted("gyro_lag", 30.0), refitted("gyro_filter", 31.0, 2)
     inflow = refitted("dynamic_inflow", 0.0, 1)
