@@ -68,15 +68,23 @@ class Stack:
 
     def thinned(self, every: int) -> Stack:
         """Every so many bins of each segment, at least FEWEST_BINS: enough for a first look."""
-        kept, slices, length = self.kept_of(every), [], 0
-        for some in kept:
-            slices.append(slice(length, length + some.size))
-            length += some.size
+        return self._with(self.kept_of(every))
+
+    def above(self, frequency_hz: float) -> Stack:
+        """The bins from a frequency on."""
+        return self._with(
+            [part.start + np.flatnonzero(self.frequency_hz[part] >= frequency_hz) for part in self.slices]
+        )
+
+    def _with(self, kept: Sequence[NDArray[np.intp]]) -> Stack:
+        """These bins of each segment alone; segments without any are left out."""
+        ends = np.cumsum([some.size for some in kept if some.size])
+        sizes = [some.size for some in kept if some.size]
         at = np.concatenate(kept)
         return Stack(
-            spectra=self.spectra,
+            spectra=tuple(one for one, some in zip(self.spectra, kept, strict=True) if some.size),
             dt=self.dt,
-            slices=tuple(slices),
+            slices=tuple(slice(int(end) - size, int(end)) for end, size in zip(ends, sizes, strict=True)),
             frequency_hz=self.frequency_hz[at],
             z=self.z[at],
             U=self.U[:, at],

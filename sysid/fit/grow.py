@@ -30,6 +30,8 @@ MOST_PROMISING = 2
 NEAR_NULL = 0.9
 LATE_S = (0.02, 0.06)
 """How late commands may act on a vehicle whose bare base comes out unstable."""
+SLOW_HZ = 1.0
+"""Below which a vehicle swings with its attitude and its speed."""
 
 
 def grow(
@@ -61,6 +63,8 @@ def grow(
     trials = [valleys.deepest(first, choices)]
     if one_beginning or (bare and not parent.stable):
         trials += [each.deepest(first, choices) for each in valleys.afresh()]
+    if bare and any(effect.attitude for effect in structure.composed):
+        trials += [each.deepest(first, choices) for each in valleys.above_slow_modes()]
     _, found = min(trials, key=lambda trial: trial[0])
     if found is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
@@ -172,6 +176,18 @@ class _Valleys:
                 bare = start(self.structure.bare, [_later(group, late_s) for group in self.few], thorough=False)
                 found.append(replace(self, known={**bare.by_name, **self.fixed}))
         return found
+
+    def above_slow_modes(self) -> list[_Valleys]:
+        """The same from a bare base that was fitted where slow modes hardly show.
+
+        Of these the bare base has none, and where they are loud its own parameters may have gone anywhere for them.
+        """
+        if self.front or self.few is self.stacks:
+            return []
+        fast = [group for group in (each.above(SLOW_HZ) for each in self.few) if group.spectra]
+        with contextlib.suppress(FitError):
+            return [replace(self, known={**start(self.structure.bare, fast, thorough=False).by_name, **self.fixed})]
+        return []
 
     def promised(self, begin: Mapping[str, float]) -> float:
         """The cost that one step from there would reach if the response were linear in the parameters."""
