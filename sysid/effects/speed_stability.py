@@ -44,12 +44,7 @@ EFFECT = Effect(
             null=0.0,
             bounds=(-500.0, 500.0),
             typical=-3.0,
-            grid=(
-                -3.0,
-                -1.0,
-                1.0,
-                3.0,
-            ),  # from the wrong sign, next to nothing or far too much no step leads to the right one
+            grid=(-3.0, 3.0),  # from the wrong sign, or from next to nothing, no step leads to the right one
         ),
         Parameter(
             "X_u",
@@ -68,7 +63,7 @@ EFFECT = Effect(
             null=0.0,
             bounds=(-500.0, 500.0),
             typical=3.0,
-            grid=(-3.0, -1.0, 1.0, 3.0),
+            grid=(-3.0, 3.0),
         ),
     ),
     airframes=(Airframe.HELICOPTER,),

@@ -31,7 +31,12 @@ NEAR_NULL = 0.9
 LATE_S = (0.02, 0.06)
 """How late commands may act on a vehicle whose bare base comes out unstable."""
 SLOW_HZ = 1.0
-"""Below which a vehicle swings with its attitude and its speed."""
+"""Below which a vehicle swings with its attitude and its speed;"""
+ASTRAY = 2.0
+"""times the power that a base fitted above leaves there, beyond which another is astray (2.1 to 6.7 where base fits had
+gone for slow modes, 1.0 to 1.8 else), and sizes are looked for"""
+FINER = 3.0
+"""times smaller, too: from a base that is right none may be far too large."""
 
 
 def grow(
@@ -64,7 +69,8 @@ def grow(
     if one_beginning or (bare and not parent.stable):
         trials += [each.deepest(first, choices) for each in valleys.afresh()]
     if bare and any(effect.attitude for effect in structure.composed):
-        trials += [each.deepest(first, choices) for each in valleys.above_slow_modes()]
+        finer = {name: (*values, *(value / FINER for value in values)) for name, values in choices.items()}
+        trials += [each.deepest(first, finer) for each in valleys.above_slow_modes()]
     _, found = min(trials, key=lambda trial: trial[0])
     if found is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
@@ -178,15 +184,21 @@ class _Valleys:
         return found
 
     def above_slow_modes(self) -> list[_Valleys]:
-        """The same from a bare base that was fitted where slow modes hardly show.
+        """The same from a bare base that was fitted where slow modes hardly show, if the parent is astray there.
 
         Of these the bare base has none, and where they are loud its own parameters may have gone anywhere for them.
         """
         if self.front or self.few is self.stacks:
             return []
-        fast = [group for group in (each.above(SLOW_HZ) for each in self.few) if group.spectra]
+        fast, bare = [group.above(SLOW_HZ) for group in self.few], self.structure.bare
         with contextlib.suppress(FitError):
-            return [replace(self, known={**start(self.structure.bare, fast, thorough=False).by_name, **self.fixed})]
+            found = start(bare, fast, thorough=False)
+            here, there = (
+                output_error(Model(bare, bare.vector(known)), fast).residual_power
+                for known in (self.known, found.by_name)
+            )
+            if np.mean(np.log(here / there)) > np.log(ASTRAY):
+                return [replace(self, known={**found.by_name, **self.fixed})]
         return []
 
     def promised(self, begin: Mapping[str, float]) -> float:
