@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.data.stacks import Stack
+from sysid.data.stacks import FEWEST_BINS, Stack
 from sysid.errors import FitError
 from sysid.fit.gauss_newton import gauss_newton_step, minimise, normal_equations
 from sysid.fit.output_error import axis_weights, output_error
@@ -190,7 +190,10 @@ class _Valleys:
         """
         if self.front or self.few is self.stacks:
             return []
-        fast, bare = [group.above(SLOW_HZ) for group in self.few], self.structure.bare
+        fast = [fast for group in self.few if (fast := group.above(SLOW_HZ)).frequency_hz.size >= FEWEST_BINS]
+        if not fast:
+            return []
+        bare = self.structure.bare
         with contextlib.suppress(FitError):
             found = start(bare, fast, thorough=False)
             here, there = (
