@@ -38,14 +38,15 @@ SETTLED = 0.02
 """Chi squared: a move by the noise that gains less is none; entries that predict the same have to end at the same."""
 
 
-def predicting(fit: Candidate, parent: Candidate) -> Candidate:
-    """In a loop the values that foretell best what is new, from typical ones of the effects that were added; the fit
-    where these do not foretell it better. Feedback may take least squares into another valley, and far off."""
+def predicting(fit: Candidate, parent: Candidate, begin: Model | None = None) -> Candidate:
+    """In a loop the values that foretell best what is new, from typical ones of the effects that were added, or from
+    where it is to begin; the fit where these do not foretell it better. Feedback may take least squares into another
+    valley, and far off."""
     structure, metric = fit.model.structure, parent.metric
     if not (fit.dataset.in_a_loop and structure.linear and isinstance(metric, Innovations)):
         return fit
-    begin = {one.name: one.typical for one in structure.parameters} | metric.model.by_name
-    model = Model(structure, structure.vector({name: begin[name] for name in structure.names}))
+    usual = {one.name: one.typical for one in structure.parameters} | metric.model.by_name
+    model = begin or Model(structure, structure.vector({name: usual[name] for name in structure.names}))
     there = replace(fit, estimate=replace(fit.estimate, at_bound=())).at(model.values)
     if there is None:
         return fit
@@ -70,9 +71,9 @@ def predicting(fit: Candidate, parent: Candidate) -> Candidate:
         return fit
 
 
-def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate | None:
+def by_the_noise(fit: Candidate, begin: Model, metric: Whitening, moves: int = MOST_MOVES_BY_NOISE) -> Candidate | None:
     """The fit's structure moved, from these values, to where the imposed commands leave nothing of its parameters in
-    the noise's white rows; None where no response leads there.
+    the noise's white rows, in so many moves at most; None where no response leads there.
 
     Least squares weighs what is small and narrow no more than gusts of the same power, and goes where these are.
     """
@@ -80,7 +81,7 @@ def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate |
     if here is None:
         return None
     white = White.of(here, metric)
-    for _ in range(MOST_MOVES_BY_NOISE):
+    for _ in range(moves):
         better = _moved(here, white, metric)
         if better is None:
             break

@@ -42,6 +42,8 @@ simulated from there on only: of 27 training flights with such an effect none ha
 WORTH_THE_TIME = math.log(0.01)
 """Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
 twice. All points counted in, a mode that explained chi squared of 130 was above it."""
+APART = 1.0
+"""Chi squared by which fits of the same equations differ that did not end at the same."""
 FEW_POINTS = 40
 PRICES = {"linear": 2.0, "samples": 12.0, "in time": 25.0}
 """Base fits that a refit takes, by what has to be simulated."""
@@ -67,6 +69,7 @@ def refit_serious(
     for one, score in order.slow:
         if order.slow_enough(one) and (score.chi_squared > NEAR * explained or not linear_enough):
             order.fit(one)
+    order.level()
     return [order.found.get(one.effects, one) for one in asked]
 
 
@@ -100,6 +103,34 @@ class _Order:
         if again.fit is not None and again.fit.error_share < self.best.error_share:
             self.best, self.question_open = again.fit, _leaves_more(again.fit, self.parent)
         self.say(heard(again, self.parent, _avoidable(self.best, self.parent)))
+
+    def level(self) -> None:
+        """Of entries of the same equations, whose fits ended apart, the worse from where the better one is: a motor lag
+        was outdone by a lag of the gyros that none may have."""
+        for effects, one in list(self.found.items()):
+            for name in catalogue()[one.effect].same_as if one.effect in catalogue() else ():
+                other = self.found.get((name,))
+                if other is not None and one.fit is not None and other.fit is not None:
+                    self.found[effects] = one = self._begun_at(one, other)
+
+    def _begun_at(self, one: Ranked, other: Ranked) -> Ranked:
+        """At the values of the other, which has as many of its own, where it explains more there."""
+        assert one.fit is not None
+        assert other.fit is not None
+        composed, metric = one.fit.model.structure, self.parent.metric
+        explained, more = (explained_by(each, self.parent, metric) for each in (one.fit, other.fit))
+        if more <= explained + APART:
+            return one
+        mine, his = ([name for effect in each.own for name in effect.names] for each in (one, other))
+        there = other.fit.model.by_name
+        near = _inside(composed, {**there, **{name: there[same] for name, same in zip(mine, his, strict=True)}})
+        if near is None:
+            return one
+        in_a_loop = one.fit.dataset.in_a_loop
+        again = predicting(one.fit, self.parent, near) if in_a_loop else by_the_noise(one.fit, near, metric, 0)
+        if again is None or explained_by(again, self.parent, metric) <= explained:
+            return one
+        return replace(one, fit=again)
 
     def _asking(self, one: Ranked) -> Asking:
         waiting = [

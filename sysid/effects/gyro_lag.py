@@ -36,6 +36,7 @@ EFFECT = Effect(
             typical=0.008,
         ),
     ),
+    same_as=("servo_lag", "motor_lag"),
     stage=Stage.MEASUREMENT,
     order=1,
     equations=equations,

@@ -33,6 +33,7 @@ EFFECT = Effect(
         ),
     ),
     airframes=(Airframe.MULTIROTOR,),  # a helicopter's servos have `servo_lag`
+    same_as=("gyro_lag",),
     stage=Stage.COMMAND,
     order=4,
     equations=equations,

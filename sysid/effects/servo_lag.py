@@ -33,6 +33,7 @@ EFFECT = Effect(
         ),
     ),
     airframes=(Airframe.HELICOPTER,),  # a multirotor's motors have `motor_lag`
+    same_as=("gyro_lag",),
     stage=Stage.COMMAND,
     order=4,
     equations=equations,

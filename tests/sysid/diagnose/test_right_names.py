@@ -71,6 +71,8 @@ MODE_IN_A_LOOP = 4021628
 """A vehicle that bends; its mode in pitch does not show, and no excitation is logged."""
 GOVERNOR_IN_A_LOOP = 4021538
 """A helicopter whose governor shows 1.9 times what is detectable, in gusts; no excitation is logged."""
+LATE_MOTORS_IN_GUSTS = 4008471
+"""A quadrotor whose motors lag by 100 ms, in slow gusts that leave more than it moves."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -435,3 +437,11 @@ def test_a_limit_that_validation_runs_do_not_reach_is_not_contradicted_by_them(m
 
     monkeypatch.setattr(shares, "validation_of", beside_the_moved)
     assert asked(LIMIT_IN_A_LOOP).verdict == "unexplained"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "motor_lag", "gyro_filter")], indirect=True)
+def test_entries_of_the_same_equations_end_at_the_same() -> None:
+    """A lag of the gyros that no gyro has was likelier by chi squared of 25, for where its fit had ended."""
+    explained = {one.effect: one.chi_squared for one in asked(LATE_MOTORS_IN_GUSTS).candidates}
+    assert explained["motor_lag"] == pytest.approx(explained["gyro_lag"], rel=1e-3)
