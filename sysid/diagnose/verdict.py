@@ -13,6 +13,7 @@ from sysid.diagnose import choice
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
 from sysid.diagnose.confidence import (
     CHAIN_NAMED,
+    CHAIN_TOLD,
     IN_A_LOOP_RIGHT,
     LEFT_OF_A_FORM,
     NAMED_IN_A_LOOP,
@@ -275,7 +276,9 @@ def _answer(
     among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    doubtful = len(chain) > 1 and (named < CHAIN_NAMED or leaves_more(winner))
+    doubtful = len(chain) > 1 and (
+        named < CHAIN_NAMED or of_chain(ratio, shares.short(winner), among) < CHAIN_TOLD or leaves_more(winner)
+    )
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",

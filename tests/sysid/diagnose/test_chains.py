@@ -55,8 +55,11 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
 
 @EFFECTS
 @pytest.mark.usefixtures("only_effects")
-def test_a_chain_that_is_more_likely_wrong_is_not_named(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verdict, "of_named", lambda *_: 0.45)
+@pytest.mark.parametrize("sureness", ["of_named", "of_chain"])
+def test_a_chain_that_is_more_likely_wrong_is_not_named(
+    sureness: str, flight: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdict, sureness, lambda *_: 0.45)
     found = asked(flight)
     assert (found.verdict, found.effect) == ("unexplained", None)
     assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
