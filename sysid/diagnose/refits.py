@@ -114,7 +114,7 @@ class _Order:
                     self.found[effects] = one = self._begun_at(one, other)
 
     def _begun_at(self, one: Ranked, other: Ranked) -> Ranked:
-        """At the values of the other, which has as many of its own, where it explains more there."""
+        """At the values of the other, where it explains more there."""
         assert one.fit is not None
         assert other.fit is not None
         composed, metric = one.fit.model.structure, self.parent.metric
@@ -122,6 +122,8 @@ class _Order:
         if more <= explained + APART:
             return one
         mine, his = ([name for effect in each.own for name in effect.names] for each in (one, other))
+        if len(mine) != len(his):  # one has numbers that the log tells
+            return one
         there = other.fit.model.by_name
         near = _inside(composed, {**there, **{name: there[same] for name, same in zip(mine, his, strict=True)}})
         if near is None:

@@ -276,9 +276,7 @@ def _answer(
     among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    doubtful = len(chain) > 1 and (
-        named < CHAIN_NAMED or of_chain(ratio, shares.short(winner), among) < CHAIN_TOLD or leaves_more(winner)
-    )
+    doubtful = len(chain) > 1 and _only_resembles(winner, named, of_chain(ratio, shares.short(winner), among))
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",
@@ -293,6 +291,11 @@ def _answer(
         outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
+
+
+def _only_resembles(chain: Ranked, named: float, told: float) -> bool:
+    """Whether a chain, by its sureness and what is told of that, likelier only resembles what is there."""
+    return named < CHAIN_NAMED or told < CHAIN_TOLD or leaves_more(chain)
 
 
 def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked]) -> Class:

@@ -68,9 +68,8 @@ def grow(
     trials = [valleys.deepest(first, choices)]
     if one_beginning or (bare and not parent.stable):
         trials += [each.deepest(first, choices) for each in valleys.afresh()]
-    if bare and any(effect.attitude for effect in structure.composed):
-        finer = {name: (*values, *(value / FINER for value in values)) for name, values in choices.items()}
-        trials += [each.deepest(first, finer) for each in valleys.above_slow_modes()]
+    if bare:
+        trials += [each.deepest(first, _finer(choices)) for each in valleys.above_slow_modes()]
     _, found = min(trials, key=lambda trial: trial[0])
     if found is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
@@ -188,7 +187,8 @@ class _Valleys:
 
         Of these the bare base has none, and where they are loud its own parameters may have gone anywhere for them.
         """
-        if self.front or self.few is self.stacks:
+        slow = any(effect.attitude for effect in self.structure.composed)
+        if self.front or self.few is self.stacks or not slow:
             return []
         fast = [fast for group in self.few if (fast := group.above(SLOW_HZ)).frequency_hz.size >= FEWEST_BINS]
         if not fast:
@@ -241,6 +241,11 @@ class _Valleys:
             if best[0] == before:
                 break
         return best
+
+
+def _finer(choices: Mapping[str, tuple[float, ...]]) -> dict[str, tuple[float, ...]]:
+    """Beside each choice one that is FINER times smaller."""
+    return {name: (*values, *(value / FINER for value in values)) for name, values in choices.items()}
 
 
 def _later(group: Stack, late_s: float) -> Stack:

@@ -43,6 +43,7 @@ def order(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str 
         return replace(one, fit=cast("Any", Left(0.1 if one.effect == enough else 0.5)))
 
     monkeypatch.setattr(refits, "refitted", refitted)
+    monkeypatch.setattr(refits._Order, "level", lambda _: None)
     monkeypatch.setattr(refits, "_leaves_more", lambda best, _: best.error_share > 0.2)
     monkeypatch.setattr(refits, "_avoidable", lambda *_: 1.0)
     monkeypatch.setattr(candidates, "instrumental_step", lambda *_: None)
