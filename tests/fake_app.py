@@ -34,7 +34,7 @@ from gcs.vehicle.readiness import Item, Standing
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 PATIENCE_S = 180.0
-"""For what a busy machine shows at last: no test is about how long that takes."""
+"""For what a busy machine shows at last, where a test is not about how long that takes."""
 
 VEHICLE = VehicleSnapshot(
     system=1,
@@ -278,9 +278,9 @@ def _places(app: TippathApp) -> list[tuple[Any, ...]]:
     return [(box.region, box.container_size, box.shown) for box in app.screen.query(Lines)]
 
 
-async def until(condition: Callable[[], object]) -> None:
-    """Wait until it is so. Raises TimeoutError after PATIENCE_S."""
-    async with asyncio.timeout(PATIENCE_S):
+async def until(condition: Callable[[], object], within_s: float = PATIENCE_S) -> None:
+    """Wait until it is so. Raises TimeoutError after that."""
+    async with asyncio.timeout(within_s):
         while not condition():
             await asyncio.sleep(0.02)
 

@@ -263,6 +263,16 @@ SIGNALS = ("x", "y", "e", "c", "r_command", "gust_p", "gust_q", "gust_alpha", "r
 """Acting commands (x, y, e: less their trim), gusts and what else equations may read, in the order of the columns."""
 
 
+def add_servo(E: _Equations, effect: str, size: Mapping[str, float], name: str) -> None:
+    """The position v_<name> of a servo of one lag, or of two poles, that follows this command."""
+    if effect == "servo_lag":
+        E.add(f"v_{name}", **{name: 1 / size["tau_s"], f"v_{name}": -1 / size["tau_s"]})
+        return
+    w, zeta = 2 * math.pi * size["frequency"], size["zeta"]
+    E.add(f"v_{name}", **{f"w_{name}": 1.0})
+    E.add(f"w_{name}", **{name: w * w, f"v_{name}": -w * w, f"w_{name}": -2 * zeta * w})
+
+
 def equations(
     effect: str | None, size: Mapping[str, float], forward: bool, table: Mapping[str, float] | None = None
 ) -> _Equations:
@@ -415,17 +425,12 @@ def equations(
                 }
 
             E.varying = denser
-        case "servo_lag":
+        case "servo_lag" | "servo_second_order":
             for name in ("x", "y", "e"):
-                E.add(f"v_{name}", **{name: 1 / size["tau_s"], f"v_{name}": -1 / size["tau_s"]})
+                add_servo(E, effect, size, name)
         case "lag_per_axis":
             for name in ("x", "y"):
                 E.add(f"v_{name}", **{name: 1 / size[f"tau_{name}"], f"v_{name}": -1 / size[f"tau_{name}"]})
-        case "servo_second_order":
-            w, zeta = 2 * math.pi * size["frequency"], size["zeta"]
-            for name in ("x", "y", "e"):
-                E.add(f"v_{name}", **{f"w_{name}": 1.0})
-                E.add(f"w_{name}", **{name: w * w, f"v_{name}": -w * w, f"w_{name}": -2 * zeta * w})
         case "gyro_lag":
             for axis in ("p", "q"):
                 E.add(f"y_{axis}", **{axis: 1 / size["tau_g"], f"y_{axis}": -1 / size["tau_g"]})

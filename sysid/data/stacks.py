@@ -78,9 +78,8 @@ class Stack:
 
     def _with(self, kept: Sequence[NDArray[np.intp]]) -> Stack:
         """These bins of each segment alone; segments without any are left out."""
-        ends = np.cumsum([some.size for some in kept if some.size])
         sizes = [some.size for some in kept if some.size]
-        at = np.concatenate(kept)
+        ends, at = np.cumsum(sizes), np.concatenate(kept)
         return Stack(
             spectra=tuple(one for one, some in zip(self.spectra, kept, strict=True) if some.size),
             dt=self.dt,

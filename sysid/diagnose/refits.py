@@ -107,32 +107,30 @@ class _Order:
     def level(self) -> None:
         """Of entries of the same equations, whose fits ended apart, the worse from where the better one is: a motor lag
         was outdone by a lag of the gyros that none may have."""
-        for effects, one in list(self.found.items()):
-            for name in catalogue()[one.effect].same_as if one.effect in catalogue() else ():
-                other = self.found.get((name,))
-                if other is not None and one.fit is not None and other.fit is not None:
-                    self.found[effects] = one = self._begun_at(one, other)
+        known = catalogue()
+        for effect in [one.effect for one in self.found.values() if one.effect in known]:
+            for name in known[effect].same_as:
+                one, other = self.found[(effect,)], self.found.get((name,))
+                if effect < name and other is not None and one.fit is not None and other.fit is not None:
+                    self._level((one, one.fit), (other, other.fit))
 
-    def _begun_at(self, one: Ranked, other: Ranked) -> Ranked:
-        """At the values of the other, where it explains more there."""
-        assert one.fit is not None
-        assert other.fit is not None
-        composed, metric = one.fit.model.structure, self.parent.metric
-        explained, more = (explained_by(each, self.parent, metric) for each in (one.fit, other.fit))
-        if more <= explained + APART:
-            return one
+    def _level(self, *both: tuple[Ranked, Candidate]) -> None:
+        """Put the worse of two at the values of the better, where it explains more there."""
+        parent, metric = self.parent, self.parent.metric
+        told = [(explained_by(fit, parent, metric), one, fit) for one, fit in both]
+        (explained, one, fit), (more, other, better) = sorted(told, key=lambda each: each[0])
         mine, his = ([name for effect in each.own for name in effect.names] for each in (one, other))
-        if len(mine) != len(his):  # one has numbers that the log tells
-            return one
-        there = other.fit.model.by_name
-        near = _inside(composed, {**there, **{name: there[same] for name, same in zip(mine, his, strict=True)}})
+        if more <= explained + APART or len(mine) != len(his):  # one has numbers that the log tells
+            return
+        there = better.model.by_name
+        near = _inside(
+            fit.model.structure, {**there, **{name: there[same] for name, same in zip(mine, his, strict=True)}}
+        )
         if near is None:
-            return one
-        in_a_loop = one.fit.dataset.in_a_loop
-        again = predicting(one.fit, self.parent, near) if in_a_loop else by_the_noise(one.fit, near, metric, 0)
-        if again is None or explained_by(again, self.parent, metric) <= explained:
-            return one
-        return replace(one, fit=again)
+            return
+        again = predicting(fit, parent, near) if fit.dataset.in_a_loop else by_the_noise(fit, near, metric, 0)
+        if again is not None and explained_by(again, parent, metric) > explained:
+            self.found[one.effects] = replace(one, fit=again)
 
     def _asking(self, one: Ranked) -> Asking:
         waiting = [

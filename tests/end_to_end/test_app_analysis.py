@@ -59,7 +59,7 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             app.simulate_key("d")  # the pilot's own press waits until nothing is worked on
             await until(lambda: desk.state().busy != "")
             app.simulate_key("f12")
-            await until(lambda: "nothing to abort" in engine.state().said)
+            await until(lambda: "nothing to abort" in engine.state().said, 2)
             app.simulate_key("k")
             await until(lambda: not desk.state().busy)
             assert desk.state().answer is None

@@ -152,7 +152,7 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
                 assert engine.state().vehicle.mode_name == "Stabilize"
                 await who.press("s")
                 await who.shows("SystemID (tippath)", "s left")
-                await until(lambda n=number: engine.state().runs[n - 1].mark in (Mark.KEEP, Mark.AGAIN))
+                await until(lambda n=number: engine.state().runs[n - 1].mark in (Mark.KEEP, Mark.AGAIN), 30)
                 assert engine.state().runs[number - 1].mark is Mark.KEEP, engine.state().runs[number - 1].why
                 who.did(f"flew {engine.state().runs[number - 1].label}: {engine.state().runs[number - 1].why}")
                 if number == 2:  # R before its time is refused, and the refusal does not stay
@@ -175,18 +175,18 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
             await who.press("5")
             await who.shows("% of the error sits in", "next: 6 asks which effect is missing")
             await who.press("6", "d")
-            await until(lambda: desk.state().answer is not None and not desk.state().busy)
+            await until(lambda: desk.state().answer is not None and not desk.state().busy, 60)
             text = await who.shows("missing: ", "next: A adds")
             found = desk.state().answer.effect
             assert found in ("servo_lag", "gyro_lag"), "the two cannot be told apart by these runs"
             assert f"missing: {found}" in text
             who.did(f"asked: missing {found}, confidence {desk.state().answer.confidence:.2f}")
             await who.press("a")
-            await until(lambda: len(desk.state().ladder) == 2 and not desk.state().busy)
+            await until(lambda: len(desk.state().ladder) == 2 and not desk.state().busy, 60)
             await who.press("7")
             await who.shows("+ " + found, "placebo")
             await who.press("d")
-            await until(lambda: desk.state().answer is not None and not desk.state().busy)
+            await until(lambda: desk.state().answer is not None and not desk.state().busy, 60)
             assert desk.state().answer.verdict == "complete"
             await who.shows("next: 8 designs gains on it")
             who.did("added, asked again: complete")
@@ -198,13 +198,13 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
             await who.shows("the vehicle is armed: gains are moved on the ground")
             assert not isinstance(app.screen, Dialog)
             await who.press("l")
-            await until(lambda: not engine.state().vehicle.armed)
+            await until(lambda: not engine.state().vehicle.armed, 60)
             await who.shows("next: P pushes them to the vehicle")
             who.did("designed, landed")
             await who.press("p")
             await who.shows("Push these gains?", f"{desk.state().designed.crc:06x}")
             await who.press("y")
-            await until(lambda: engine.state().bank is not None and engine.state().bank.active)
+            await until(lambda: engine.state().bank is not None and engine.state().bank.active, 30)
             crc = desk.state().designed.crc
             assert engine.state().bank.active == crc
             await until(lambda: not engine.state().busy)
@@ -212,7 +212,7 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
             who.did(f"pushed {crc:06x}")
 
             await who.press("9", "w")
-            await until(lambda: desk.state().report is not None and not desk.state().busy)
+            await until(lambda: desk.state().report is not None and not desk.state().busy, 60)
             await who.shows("the page:", "wrote the report")
             who.did("wrote the report")
             flight = engine.state().flight
@@ -372,7 +372,7 @@ async def study_link_lost_while_a_run_waits_ready(tmp_path: Path, monkeypatch: p
         await who.press("r")
         await who.shows("READY:")
         cut_at = await lose(who, engine, radio)
-        await until(lambda: engine.state().stage is not Stage.READY)
+        await until(lambda: engine.state().stage is not Stage.READY, 1)
         await who.press("s")
         text = await who.shown()
         assert "READY:" not in text

@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from planted import ACTUATOR_EFFECTS, NOMINAL_OMEGA, PLANTED, Array, _Actuators, _Equations, equations
+from planted import ACTUATOR_EFFECTS, NOMINAL_OMEGA, PLANTED, Array, _Actuators, _Equations, add_servo, equations
 from scipy.signal import lfilter
 
 from strangers.vehicles import Vehicle, base_of
@@ -509,18 +509,11 @@ def _beside(found: _Equations, more: _Equations, vehicle: Vehicle) -> _Equations
 def _serve_others(E: _Equations, name: str, size: Sizes) -> None:
     """Put servos of the cyclic's make between collective and yaw commands and what reads them."""
     for signal in ("c", "r_command"):
-        moved, moving = f"v_{signal}", f"w_{signal}"
         readers = [row for row in E.rows.values() if signal in row]
-        if not readers:
-            continue
         for row in readers:
-            row[moved] = row.pop(signal)
-        if name == "servo_lag":
-            E.add(moved, **{signal: 1 / size["tau_s"], moved: -1 / size["tau_s"]})
-        else:
-            w, zeta = 2 * math.pi * size["frequency"], size["zeta"]
-            E.add(moved, **{moving: 1.0})
-            E.add(moving, **{signal: w * w, moved: -w * w, moving: -2 * zeta * w})
+            row[f"v_{signal}"] = row.pop(signal)
+        if readers:
+            add_servo(E, name, size, signal)
 
 
 LATE = frozenset({"servo_lag", "servo_second_order", "transport_delay", "gyro_lag", "gyro_filter"})

@@ -14,6 +14,7 @@ from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.progress import unheard
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.score import Score
+from sysid.model.effect import catalogue
 
 
 @dataclass(frozen=True)
@@ -87,3 +88,9 @@ def test_a_refit_that_fails_leaves_none_of_an_earlier_one(monkeypatch: pytest.Mo
     parent = SimpleNamespace(model=SimpleNamespace(structure=None), dataset=None, metric=None)
     after = refits.refitted(before, cast("Any", parent), ())
     assert (after.fit, after.not_testable) == (None, "the response does not settle")
+
+
+def test_entries_of_the_same_equations_name_each_other() -> None:
+    known = catalogue()
+    for name, effect in known.items():
+        assert all(name in known[other].same_as for other in effect.same_as), name
