@@ -48,7 +48,8 @@ from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.fit.estimate import estimate
+from sysid.errors import FitError
+from sysid.fit.estimate import best_values, lacks
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
@@ -93,7 +94,18 @@ def diagnose(
         other = _asked(usual.parent, _judging(validated_on, usual.parent, usual.loop_s), effects, say)
         if _as_likely(other, asked):
             asked, thinned = other, usual.what
-    return replace(_with_chains(asked, say, limit) if chains else asked.finished(ChainSearch()), thinned=thinned)
+    answer = _with_chains(asked, say, limit) if chains else asked.finished(ChainSearch())
+    _refuse_vague(answer)
+    return replace(answer, thinned=thinned)
+
+
+def _refuse_vague(answer: Diagnosis) -> None:
+    """Of an axis that is hardly known nothing is said but which effect would make it known."""
+    parent, told = answer.parent, answer.parent.estimate
+    if answer.verdict == "missing" or told.vague is None:
+        return
+    if not lacks(told, parent.dataset.viewed(parent.model.structure.inputs)):
+        raise FitError(told.vague.refusal)
 
 
 def _judging(runs: Dataset | None, parent: Candidate, loop_s: float | None) -> Dataset | None:
@@ -223,7 +235,7 @@ def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin
     """
     if begin is not None:
         begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
-    found = estimate(structure, on.viewed(structure.inputs), begin, fixed, "constant")
+    found = best_values(structure, on.viewed(structure.inputs), begin, fixed, "constant")
     return candidate(found, tuple(fixed), on)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -112,20 +113,39 @@ def independent_share(spectra: Sequence[Spectrum], commands: int = len(CYCLIC)) 
     return np.asarray(np.sum(own, axis=1) / np.maximum(np.sum(power, axis=1), 1e-300))
 
 
-def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
-    """An axis whose control effectiveness is not known to a quarter of itself is not identified."""
+@dataclass(frozen=True, slots=True)
+class VagueAxis:
+    """An axis whose control effectiveness is not known to a quarter of itself."""
+
+    axis: str
+    command: str
+    relative_error: float
+    instead: str
+    """What else could be fitted; empty where nothing could."""
+
+    @property
+    def known(self) -> str:
+        """How well, in words."""
+        return f"the effect of {self.command} is known only to {100 * self.relative_error:.0f} % of itself"
+
+    @property
+    def refusal(self) -> str:
+        """Why it is not identified, and what to fly."""
+        fly = f"fly a {self.axis} chirp, longer or with more amplitude"
+        return f"{self.axis} axis not identifiable: {self.known}; {fly}{self.instead}"
+
+
+def vague_axis(model: Model, covariance: FloatArray) -> VagueAxis | None:
+    """The first axis that is known only vaguely; None where there is none."""
     structure = model.structure
     for column, name in enumerate(structure.commands):
         if name not in structure.base_.commands and "elevator" not in structure.effects:
             continue  # an effect of its own says how well it is known
         best = min(_relative_error(structure, model.values, column, covariance, hz) for hz in EFFECTIVE_HZ)
         if not best < LARGEST_RELATIVE_ERROR:
-            axis = AXIS_OF.get(name, name)
-            raise FitError(
-                f"{axis} axis not identifiable: the effect of {name} is known only to "
-                f"{100 * best:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
-                f"{'' if structure.composed else _or_alone(structure, name)}"
-            )
+            instead = "" if structure.composed else _or_alone(structure, name)
+            return VagueAxis(AXIS_OF.get(name, name), name, best, instead)
+    return None
 
 
 def _relative_error(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, excitation_of
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
-from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
+from sysid.fit.axes import VagueAxis, refuse_still_channels, vague_axis
 from sysid.fit.gauss_newton import SETTLED, minimise, normal_equations
 from sysid.fit.grow import grow, looks
 from sysid.fit.identifiable import alike
@@ -77,6 +78,11 @@ class Estimate:
         """The excitation served as instrument, so that feedback does not bias the values."""
         return self.instrument in ("excitation logged", "excitation rebuilt")
 
+    @cached_property
+    def vague(self) -> VagueAxis | None:
+        """An axis whose control effectiveness is known only vaguely."""
+        return vague_axis(self.model, self.covariance)
+
 
 def estimate(
     structure: Structure,
@@ -92,6 +98,20 @@ def estimate(
     noise. A composition grows from `parent`, or from its bare base. `fixed` parameters are held. Raises FitError where
     the data do not determine the parameters.
     """
+    found = best_values(structure, bins, parent, fixed, weights)
+    if found.vague is not None and not lacks(found, bins):
+        raise FitError(found.vague.refusal)
+    return found
+
+
+def best_values(
+    structure: Structure,
+    bins: Bins,
+    parent: Model | None = None,
+    fixed: Mapping[str, float] | None = None,
+    weights: Weights = "residual spectrum",
+) -> Estimate:
+    """As `estimate`, also where what commands do is known only vaguely: what the model lacks may make it so."""
     fixed = dict(fixed or {})
     unknown = [name for name in fixed if name not in structure.names]
     if unknown:
@@ -101,9 +121,15 @@ def estimate(
         parent = start(structure.bare, [group.thinned(START_THINNING) for group in bins.stacks])
     parent = _hold(parent, fixed)
     found = _weighed(_least_squares(structure, bins.stacks, parent, fixed), bins, fixed, weights)
-    found = _deeper(found, parent, bins, fixed)
-    refuse_vague_axes(found.model, found.covariance)
-    return found
+    return _deeper(found, parent, bins, fixed)
+
+
+def lacks(found: Estimate, bins: Bins) -> bool:
+    """Whether a logged excitation plainly explains something of what the fit leaves: the model lacks an effect."""
+    if bins.instruments(found.model.structure.commands) is None:
+        return False
+    left = divide(found.error, bins.stacks, bins.causes(found.model.structure.commands))
+    return left.chi_squared > left.degrees + PLAINLY * math.sqrt(2 * left.degrees)
 
 
 def _least_squares(structure: Structure, stacks: Sequence[Stack], parent: Model, fixed: Mapping[str, float]) -> Model:

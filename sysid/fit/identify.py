@@ -200,6 +200,7 @@ class _Step:
             *_suspicious_signs(self.found),
             *explained,
             *_held_stable(self.settled),
+            *_vague_axis(self.found),
             *_vague_directions(self.found),
             *_missing_sweeps(runs.records, model.structure),
             *_failed_validation(self.rung.validation_nrmse_percent),
@@ -307,6 +308,16 @@ def _held_stable(settled: Settled) -> list[str]:
     return [
         f"its pole at {real:+.2f} ± {error:.2g} 1/s is held stable: the data do not say that it is not, and rates "
         "alone seldom are unstable"
+    ]
+
+
+def _vague_axis(found: Estimate) -> list[str]:
+    """What stands here in spite of it shows that the model lacks something; else it is refused."""
+    if found.vague is None:
+        return []
+    return [
+        f"{found.vague.known}, and the excitation explains more than the model does: it lacks an effect; tippath "
+        "diagnose asks which"
     ]
 
 
