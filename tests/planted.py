@@ -97,6 +97,7 @@ PLANTED: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "servo_second_order": {"frequency": 12.0, "zeta": 0.7},
         "transport_delay": {"T_d": 0.0131},
         "servo_rate_limit": {"rate": 4.0},
+        "servo_acceleration_limit": {"acceleration": 100.0},
         "servo_saturation": {"limit": 0.12},
         "servo_deadband": {"width": 0.01},
         "servo_backlash": {"half_width": 0.012},
@@ -144,6 +145,7 @@ NULLS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "airspeed_scaling": {"m": 0.0},
         "transport_delay": {"T_d": 0.0},
         "servo_rate_limit": {"rate": math.inf},
+        "servo_acceleration_limit": {"acceleration": math.inf},
         "servo_saturation": {"limit": math.inf},
         "servo_deadband": {"width": 0.0},
         "servo_backlash": {"half_width": 0.0},
@@ -490,7 +492,12 @@ def _second_order_flapping(E: _Equations, size: Mapping[str, float], N: Mapping[
 # ------------------------------------------------------------------------------------------ actuators that no row says
 
 
-ACTUATOR_EFFECTS = ("servo_saturation", "servo_deadband", "servo_backlash", "transport_delay", "servo_rate_limit")
+ACTUATOR_EFFECTS = (
+    "servo_saturation", "servo_deadband", "servo_backlash", "transport_delay", "servo_rate_limit",
+    "servo_acceleration_limit",
+)  # fmt: skip
+BRAKING_STEPS = 16
+"""Of a servo that brakes, in one step of the vehicle."""
 
 
 class _Actuators:
@@ -528,6 +535,8 @@ class _Actuators:
                 return self._delayed(command, steps)
             case "servo_rate_limit":
                 return [(h, self._slewed(command, h)) for _ in range(steps)]
+            case "servo_acceleration_limit" if math.isfinite(self._size["acceleration"]):
+                return [(h, self._braked(command, h)) for _ in range(steps)]
         return [(h, command)] * steps
 
     def _delayed(self, command: Array, steps: int) -> list[tuple[float, Array]]:
@@ -551,6 +560,21 @@ class _Actuators:
         mean = self._held + way * (1 - 0.5 * running_s / h)
         self._held = self._held + way
         return np.asarray(mean)
+
+    def _braked(self, command: Array, h: float) -> Array:
+        """The mean over h of a position as fast as it can be stopped at the command, in small steps of Heun's."""
+        part, mean = h / BRAKING_STEPS, np.zeros_like(command)
+
+        def way(at: Array) -> Array:
+            error = command - at
+            fast = np.sign(error) * np.sqrt(2 * self._size["acceleration"] * np.abs(error)) * part
+            return np.asarray(np.clip(fast, -np.abs(error), np.abs(error)))
+
+        for _ in range(BRAKING_STEPS):
+            before, first = self._held, way(self._held)
+            self._held = before + 0.5 * (first + way(before + first))
+            mean += 0.5 * (before + self._held) / BRAKING_STEPS
+        return mean
 
 
 # ------------------------------------------------------------------------------------------ flying

@@ -144,7 +144,8 @@ def test_half_the_step_changes_nothing(effect: str | None) -> None:
         respond(effect, PLANTED.get(effect or "", {}), U, forward=effect in FORWARD, steps=steps, **others)
         for steps in (planted.STEPS, 2 * planted.STEPS)
     ]
-    tolerance = 2e-5 if effect == "servo_rate_limit" else 2e-7  # its ramp is taken by its mean over a step
+    by_its_mean = effect in ("servo_rate_limit", "servo_acceleration_limit")  # over a step
+    tolerance = 2e-5 if by_its_mean else 2e-7
     assert difference(runs[:1], runs[1:]) < tolerance
 
 
@@ -250,6 +251,9 @@ def test_actuators_do_to_a_command_what_their_sentence_says() -> None:
     assert acting("transport_delay", {"T_d": 0.004}, [1.0, 2.0, 3.0]) == pytest.approx([0, 0, 1.0])
     # 0.01 a sample: half of it on average, and the second sample arrives half-way
     assert acting("servo_rate_limit", {"rate": 5.0}, [0.015, 0.015, 0.015]) == pytest.approx([0.005, 0.01375, 0.015])
+    # from 0.16 the root falls by 0.02 a sample of 0.002 s: 0.38^2 and 0.36^2 are left
+    braked = acting("servo_acceleration_limit", {"acceleration": 200.0}, [0.16, 0.16])
+    assert braked == pytest.approx([0.16 - (0.4**3 - 0.38**3) / 0.06, 0.16 - (0.38**3 - 0.36**3) / 0.06], abs=1e-6)
     ring = planted._Actuators("servo_saturation", {"limit": 0.1}, np.zeros((3, 1)))
     (_, value), *_ = ring.pieces(np.array([[0.3], [0.4], [0.5]]), 4)
     assert value[:, 0] == pytest.approx([0.06, 0.08, 0.1])

@@ -234,7 +234,8 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
 
 
 LATE_ALREADY = frozenset(
-    {"servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "transport_delay", "gyro_lag", "gyro_filter"}
+    {"servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "servo_acceleration_limit", "transport_delay"}
+    | {"gyro_lag", "gyro_filter"}
 )
 HINT_TOLERANCE = 1e-3
 """Of the summed logarithms of residual power: a twentieth of a percent of a rate."""

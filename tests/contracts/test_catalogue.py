@@ -32,6 +32,7 @@ IDS = [
     "servo_lag", "servo_second_order", "transport_delay", "servo_rate_limit", "servo_saturation", "servo_deadband",
     "servo_backlash", "gyro_lag", "gyro_misalignment", "gyro_filter", "motor_lag", "swashplate_phase",
     "stabiliser_bar", "lead_lag", "slipstream_wing", "governor", "lag_per_axis",
+    "servo_acceleration_limit",
 ]  # fmt: skip
 """What users, files and JSON name: it may grow and never shrinks. A new effect needs no line here: what it declares is
 held against what it does, as for these; these besides against what is known of them, below."""
@@ -46,12 +47,14 @@ COMMAND_ORDER = [
     {"servo_saturation"},
     {"transport_delay"},
     {"servo_deadband"},
-    {"servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "servo_rate_limit"},
+    {"servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "servo_rate_limit", "servo_acceleration_limit"},
     {"servo_backlash"},
     {"swashplate_phase"},
     {"stabiliser_bar"},
 ]
-KNOWN_SEQUENTIAL = {"servo_saturation", "servo_deadband", "servo_rate_limit", "servo_backlash"}
+KNOWN_SEQUENTIAL = {
+    "servo_saturation", "servo_deadband", "servo_rate_limit", "servo_backlash", "servo_acceleration_limit",
+}  # fmt: skip
 KNOWN_NONLINEAR = KNOWN_SEQUENTIAL | {
     "quadratic_damping", "yaw_coupling", "rotor_speed", "airspeed_scaling", "governor",
 }  # fmt: skip
@@ -131,7 +134,7 @@ def histories(structure: Structure, n: int = 40) -> dict[str, FloatArray]:
 
 
 def test_the_folder_is_the_catalogue_and_never_shrinks() -> None:
-    assert len(IDS) == len(set(IDS)) == 35
+    assert len(IDS) == len(set(IDS)) == 36
     assert sorted(catalogue()) == sorted(path.stem for path in FOLDER.glob("[a-z]*.py"))
     assert set(IDS) <= set(catalogue())
 
@@ -528,6 +531,11 @@ def test_sequential_effects_by_hand() -> None:
     # a step of 0.25 at 1/s takes two and a half samples; each value is the ramp's mean over its sample
     assert act("servo_rate_limit", 1.0, [0.0, 0.25, 0.25, 0.25, 0.25]) == pytest.approx(
         [0.0, 0.05, 0.15, 0.2375, 0.25], abs=1e-12
+    )
+    # of 0.16 the root falls by 1 a second: 0.4, 0.3, 0.2, ...; each value is the mean over its sample
+    left = [(root**3 - (root - 0.1) ** 3) / 0.3 for root in (0.4, 0.3, 0.2, 0.1)]
+    assert act("servo_acceleration_limit", 2.0, [0.0, *[0.16] * 5]) == pytest.approx(
+        [0.0, *(0.16 - one for one in left), 0.16], abs=1e-12
     )
 
 

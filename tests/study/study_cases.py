@@ -189,8 +189,8 @@ SHORTLY = (
     None, "second_order_flapping", "dynamic_inflow", "rotor_speed", "hub_gyroscopics", "angular_damping",
     "quadratic_damping", "attitude_stiffness", "speed_stability", "inertia_coupling", "yaw_coupling",
     "structural_mode", "input_coupling", "servo_lag", "lag_per_axis", "servo_second_order", "transport_delay",
-    "servo_rate_limit", "servo_saturation", "servo_deadband", "servo_backlash", "gyro_lag", "gyro_misalignment",
-    "gyro_filter", "stabiliser_bar",
+    "servo_rate_limit", "servo_acceleration_limit", "servo_saturation", "servo_deadband", "servo_backlash", "gyro_lag",
+    "gyro_misalignment", "gyro_filter", "stabiliser_bar",
 )  # fmt: skip
 
 

@@ -274,6 +274,10 @@ class Foreign:
     """The entry that it is, of those that the catalogue got since; None while it has none."""
 
 
+LAZY_STEPS = 16
+"""Of such a servo in one sample of the loop."""
+
+
 def _cubic_hub(E: _Equations, vehicle: Vehicle, size: Sizes) -> None:
     L_b, M_a = vehicle.table["L_b"], vehicle.table["M_a"]
     E.nonlinear = lambda s: {"p": size["k"] * L_b * s["b"] ** 3, "q": size["k"] * M_a * s["a"] ** 3}
@@ -318,10 +322,16 @@ def _fading(command: Array, held: Array, dt: float, size: Sizes, memory: dict[st
 
 
 def _lazy(command: Array, held: Array, dt: float, size: Sizes, memory: dict[str, Array]) -> Array:
-    """Servos that run the slower the smaller their error, by its square root: no time constant fits."""
-    error = command - held
-    way = np.sign(error) * np.sqrt(np.abs(error) * size["usual"]) * dt / size["tau"]
-    return np.asarray(held + np.clip(way, -np.abs(error), np.abs(error)))
+    """Servos that run the slower the smaller their error, by its square root: no time constant fits. The mean over the
+    sample; where it ends is kept."""
+    position, acts = memory.get("position", held), np.zeros_like(held)
+    for _ in range(LAZY_STEPS):
+        error = command - position
+        way = np.sign(error) * np.sqrt(np.abs(error) * size["usual"]) * dt / LAZY_STEPS / size["tau"]
+        after = position + np.clip(way, -np.abs(error), np.abs(error))
+        position, acts = after, acts + 0.5 * (position + after) / LAZY_STEPS
+    memory["position"] = position
+    return np.asarray(acts)
 
 
 def _uneven(command: Array, held: Array, dt: float, size: Sizes, memory: dict[str, Array]) -> Array:
@@ -379,6 +389,7 @@ FOREIGN: Mapping[str, Foreign] = MappingProxyType(
                 "tau": 0.02 * max(s, 1e-3) * _lateness(vehicle), "usual": _of_amplitude(vehicle),
             },
             most=2.0,
+            answer="servo_acceleration_limit",
         ),
         "uneven_horns": Foreign(bend=_uneven, sizes=lambda vehicle, s, draws: {"share": 0.2 * s}, most=2.0),
         "giving_links": Foreign(

@@ -36,6 +36,7 @@ NAMED = {
     "slipstream_wing": ("slipstream_wing", set[str]()),
     "governor": ("governor", set[str]()),
     "lag_per_axis": ("lag_per_axis", set[str]()),
+    "servo_acceleration_limit": ("servo_acceleration_limit", set[str]()),
 }
 """What flew -> its entry, and what no flight of these channels tells from it."""
 RIVALS = {
@@ -46,9 +47,10 @@ RIVALS = {
     "slipstream_wing": ("angle_of_attack", "angular_damping", "attitude_stiffness", "slipstream_wing"),
     "governor": ("angular_damping", "governor", "input_coupling"),
     "lag_per_axis": (*LATE, "lag_per_axis", "slipstream_wing"),
+    "servo_acceleration_limit": (*LATE, "lag_per_axis", "servo_rate_limit", "servo_acceleration_limit"),
 }
-OF_EACH_KIND = ("gyro_filter", "cubic_damping", "slipstream_wing")
-"""A lag, one that is not linear, and a lagged moment: `make study` asks the others too."""
+OF_EACH_KIND = ("gyro_filter", "cubic_damping", "slipstream_wing", "servo_acceleration_limit")
+"""A lag, one that is not linear, a lagged moment, and one that acts on samples: `make study` asks the others too."""
 COLLECTIVE = 0.2
 """Standard deviation of a collective that is stirred: the usual one shows no governor."""
 

@@ -125,8 +125,28 @@ def test_a_rate_limit_is_one_ramp_after_the_other(runs: list[Record], rate: floa
     np.testing.assert_allclose(limit(command[None], 0.002, {"rate": rate})[0], expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("acceleration", [0.5, 20.0, 400.0, 2e4, 1e9])
+def test_limited_acceleration_is_one_braking_after_the_other(runs: list[Record], acceleration: float) -> None:
+    """All samples at once come to what each gives the next: by the closed form of one, and by many small steps."""
+    braked = find("servo_acceleration_limit").samples
+    assert braked is not None
+    command, dt = runs[0].channels["delta_x"][:3000], 0.002
+    slower = np.sqrt(acceleration / 2) * dt
+    expected, v = [], command[0]
+    for target in command:
+        error = target - v
+        root, left = np.sqrt(abs(error)), max(np.sqrt(abs(error)) - slower, 0.0)
+        expected.append(target - np.sign(error) * (root**3 - left**3) / (3 * slower))
+        v = target - np.sign(error) * left**2
+    found = braked(command[None], dt, {"acceleration": acceleration})[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+
+
 def test_only_a_dead_band_jumps_with_its_parameter(runs: list[Record]) -> None:
-    sizes = {"servo_deadband": 0.01, "servo_backlash": 0.01, "servo_rate_limit": 2.0, "servo_saturation": 0.1}
+    sizes = {
+        "servo_deadband": 0.01, "servo_backlash": 0.01, "servo_rate_limit": 2.0, "servo_saturation": 0.1,
+        "servo_acceleration_limit": 100.0,
+    }  # fmt: skip
     for name, size in sizes.items():
         structure = compose("tpp", [name])
         (group,) = stack(spectra(runs, structure.inputs, ("p", "q"))[0])
@@ -139,7 +159,7 @@ def test_every_dead_band_is_seen_to_jump_and_nothing_else_is() -> None:
     looked for by its slope, and ended far from the one that flew."""
     sizes = {
         "servo_deadband": (0.005, 0.01, 0.02, 0.03), "servo_backlash": (0.005, 0.03), "servo_saturation": (0.08, 0.15),
-        "servo_rate_limit": (0.5, 4.0),
+        "servo_rate_limit": (0.5, 4.0), "servo_acceleration_limit": (20.0, 500.0),
     }  # fmt: skip
     for seed in range(4):
         runs = [Record("#1", fly(None, {}, seed=70 + seed, duration_s=8.0)[0])]

@@ -13,7 +13,8 @@ from sysid.model.signature import DT, doublets, signature_of
 
 INTEGRATED = (
     "dynamic_inflow", "stabiliser_bar", "lead_lag", "slipstream_wing", "gyro_filter", "hub_gyroscopics",
-    "quadratic_damping", "servo_backlash", "servo_rate_limit", "transport_delay", "swashplate_phase",
+    "quadratic_damping", "servo_backlash", "servo_rate_limit", "servo_acceleration_limit", "transport_delay",
+    "swashplate_phase",
 )  # fmt: skip
 
 
