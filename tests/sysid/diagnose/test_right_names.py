@@ -57,8 +57,8 @@ PLAY_IN_GUSTS = 4020041
 """A helicopter with play of 1.4 % of the command to either side, in gusts of 2.3 times the usual."""
 PLAY_BETWEEN_SAMPLES = 4020708
 """A helicopter of 90 kg with play of 0.9 %; every fourth sample is logged."""
-LAZY_SERVOS = 4000111
-"""A helicopter whose servos run the slower the smaller their error, by its root."""
+LAZY_SERVOS = 4021768
+"""A helicopter whose servos run the slower the smaller their error, by its root; asked for a lag and a limit alone."""
 SLOW_FILTER = 4005786
 """A helicopter of 90 kg whose gyros are filtered at 12 Hz, in bursts of 2.8 times the usual gusts."""
 SPEED_IN_GUSTS = 4000062
