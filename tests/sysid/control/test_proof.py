@@ -111,9 +111,12 @@ def test_what_acts_on_samples_acts_loop_by_loop_as_over_a_whole_run(effect: str)
     np.testing.assert_allclose(found, one.samples(commands.copy(), DT, own), atol=1e-12)
 
 
-def test_what_does_not_go_by_loops_is_refused() -> None:
-    structure = compose("tpp", ("servo_rate_limit",), ("delta_x", "delta_y"), {})
-    slow = Model(structure, structure.vector({**TABLE_4, "rate": 2.0}))
+@pytest.mark.parametrize(
+    ("effect", "size"), [("servo_rate_limit", {"rate": 2.0}), ("servo_acceleration_limit", {"acceleration": 100.0})]
+)
+def test_what_does_not_go_by_loops_is_refused(effect: str, size: dict[str, float]) -> None:
+    structure = compose("tpp", (effect,), ("delta_x", "delta_y"), {})
+    slow = Model(structure, structure.vector({**TABLE_4, **size}))
     with pytest.raises(NotSampledError, match="cannot be computed loop by loop"):
         in_loops(slow, DT)
 
