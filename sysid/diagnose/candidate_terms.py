@@ -24,7 +24,7 @@ from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.predict import respond
-from sysid.model.relaxation import reach_hz
+from sysid.model.relaxation import bins_in_reach
 from sysid.model.structure import AnyArray, FloatArray, Structure
 
 STAGES = {
@@ -257,10 +257,9 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
 
     front, rest = divided(probe.structure)
     segment, n, m = one.segment, len(rest.states), len(rest.commands)
-    length = segment.samples * segment.dt
-    bins = min(int(reach_hz(one) * length + 1e-6), (segment.samples - 1) // 2)
+    bins = bins_in_reach(one)
     grid = next_fast_len(4 * bins)
-    s = 2j * np.pi * np.arange(bins + 1) / length
+    s = 2j * np.pi * np.arange(bins + 1) / segment.duration_s
     held_s = segment.held_s
     hold = np.sinc(np.arange(bins + 1) / segment.samples * (held_s / segment.dt)) * np.exp(-0.5 * s * held_s)
 
@@ -292,7 +291,7 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
         X = new
         if change < SETTLED:
             break
-    t = segment.start_s + length / grid * np.arange(grid)
+    t = segment.start_s + segment.duration_s / grid * np.arange(grid)
     return {**{name: np.broadcast_to(value, grid) for name, value in probe.heard.items()}, "t": t}
 
 

@@ -54,9 +54,10 @@ class RelaxationError(SysidError, ArithmeticError):
     """The nonlinear response does not settle at these values."""
 
 
-def reach_hz(one: Spectrum) -> float:
-    """Up to where motion counts."""
-    return max(LEAST_HZ, BEYOND_THE_BAND * float(one.frequency_hz[-1]))
+def bins_in_reach(one: Spectrum) -> int:
+    """Number of a run's bins above zero up to where motion counts."""
+    reach_hz = max(LEAST_HZ, BEYOND_THE_BAND * float(one.frequency_hz[-1]))
+    return min(int(reach_hz * one.segment.duration_s + 1e-6), (one.segment.samples - 1) // 2)
 
 
 def driven_by(one: Spectrum, U: ComplexArray) -> Spectrum:
@@ -168,7 +169,7 @@ class _Run:
         self.structure, self.one = structure, one
         self.measured = [structure.states.index(name) for name in structure.outputs]
         samples, dt = one.segment.samples, one.segment.dt
-        self.bins = 1 + min(int(reach_hz(one) * samples * dt + 1e-6), (samples - 1) // 2)
+        self.bins = 1 + bins_in_reach(one)
         self.grid = next_fast_len(3 * self.bins)
         self.together = max(FEWEST_TOGETHER, TOGETHER // self.grid)
         self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
