@@ -14,18 +14,17 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid.data.dataset import Bins, Dataset
+from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
+from sysid.diagnose import growing_modes
 from sysid.diagnose.shown import Shown, as_loud_as_it_is, shown_by
 from sysid.errors import FitError
 from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
-from sysid.fit.growth import growth, growth_slopes
 from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
 from sysid.fit.output_error import OutputError
-from sysid.fit.prediction_error import prediction_error
 from sysid.fit.rows import project
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
@@ -39,8 +38,6 @@ DAMPED = 1e-2
 """Of each parameter's own weight: what the runs hardly determine does not run away."""
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
-SURELY_GROWS = 10.0
-"""Chi squared that growing modes make of what is new too little, from which on a fit in a loop is looked at again."""
 LITTLE_MOVED = 0.5
 """Chi squared: a move that gains less is the last."""
 
@@ -123,15 +120,15 @@ class Candidate:
             here = min(here, told, key=lambda one: power_left(one, metric))
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
-            least = float(e @ e) + volume_lost(here.model, metric) - LITTLE_MOVED
-            for step in _steps(J, e, volume_slopes(here.model, metric)[loose]):
+            least = float(e @ e) + growing_modes.cost(here.model, metric) - LITTLE_MOVED
+            for step in _steps(J, e, growing_modes.cost_slopes(here.model, metric)[loose]):
                 before, values = here.model.values, here.model.values.copy()
                 values[loose] += step
                 # a bound itself may have no response
                 values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
                 rest = residual_at(here, values, metric)  # derivatives cost many times as much
-                lost = volume_lost(Model(self.model.structure, values), metric)
-                there = here.at(values) if rest is not None and float(rest @ rest) + lost < least else None
+                more = growing_modes.cost(Model(self.model.structure, values), metric)
+                there = here.at(values) if rest is not None and float(rest @ rest) + more < least else None
                 if there is not None:
                     here = there
                     break
@@ -255,13 +252,13 @@ def imposed_answers(
     return Ys, Js
 
 
-def _steps(J: FloatArray, e: FloatArray, lost: FloatArray) -> Iterator[FloatArray]:
-    """Moves of parameters whose rows are J, and half of whose `lost` volume has these slopes, to try one after the
-    other: the second where what the runs hardly determine runs away with the first."""
+def _steps(J: FloatArray, e: FloatArray, dear: FloatArray) -> Iterator[FloatArray]:
+    """Moves of parameters whose rows are J, and half of what growing modes cost has the slopes `dear`, to try one after
+    the other: the second where what the runs hardly determine runs away with the first."""
     if not len(J):
         return
     with np.errstate(over="ignore", invalid="ignore"):
-        information, slope = J @ J.T, J @ e - lost
+        information, slope = J @ J.T, J @ e - dear
     if not (np.isfinite(information).all() and np.isfinite(slope).all()):
         return  # of a model that is not stable, and leads nowhere
     yield np.asarray(np.linalg.lstsq(information, slope, rcond=1e-10)[0])
@@ -278,21 +275,8 @@ def as_loud(one: Candidate, metric: Whitening) -> Whitening:
 
 
 def power_left(one: Candidate, metric: Whitening) -> float:
-    """Of what it leaves, the power in white rows, and what a loop that holds its growing modes makes too small of it."""
-    return float(np.sum(white_residual(one, metric) ** 2)) + volume_lost(one.model, metric)
-
-
-def volume_lost(model: Model, metric: Whitening) -> float:
-    """In chi squared, by which what is new seems too little behind a model with growing modes (`sysid.fit.growth`);
-    nothing where no feedback makes commands of it."""
-    return 2 * metric.seconds * growth(model.structure, model.values) if isinstance(metric, Innovations) else 0.0
-
-
-def volume_slopes(model: Model, metric: Whitening) -> FloatArray:
-    """Slopes of half of it to the parameters, (parameters,)."""
-    if not isinstance(metric, Innovations):
-        return np.zeros(model.values.size)
-    return metric.seconds * growth_slopes(model.structure, model.values)
+    """Of what it leaves, the power in white rows, and what its growing modes cost."""
+    return float(np.sum(white_residual(one, metric) ** 2)) + growing_modes.cost(one.model, metric)
 
 
 def white_residual(one: Candidate, metric: Whitening) -> FloatArray:
@@ -335,23 +319,12 @@ def refit(
     if open_to_all is not None:
         raise FitError(open_to_all)
     begin = near or (parent.model if composed.base == parent.model.structure.base else None)
-    bins = parent.dataset.viewed(composed.inputs)
-    found = causal(estimate(composed, bins, begin, fixed, parent.estimate.weights), parent.dataset, bins, fixed)
-    made = candidate(found, tuple(fixed), parent.dataset, added)
+    on, bins = parent.dataset, parent.dataset.viewed(composed.inputs)
+    found = estimate(composed, bins, begin, fixed, parent.estimate.weights)
+    found = growing_modes.likeliest(found, on, bins, fixed)
+    made = candidate(found, tuple(fixed), on, added)
     _ = made.asked  # what does not settle on the bins of its metric is no candidate
     return made
-
-
-def causal(found: Estimate, on: Dataset, bins: Bins, fixed: Collection[str]) -> Estimate:
-    """The estimate; in a loop, where growing modes take the controller's answers for their cause, the likeliest one."""
-    grows = 2 * bins_seconds(bins) * growth(found.model.structure, found.model.values)
-    if not (on.in_a_loop and found.model.structure.linear and grows > SURELY_GROWS):
-        return found
-    return prediction_error(found, bins, fixed) or found
-
-
-def bins_seconds(bins: Bins) -> float:
-    return float(sum(one.samples * one.dt for one in bins.spectra))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -375,8 +348,8 @@ class Stepped:
     """Whether something in it acts on samples of the commands."""
     taken: bool = True
     """Whether the step was, or there was none to take."""
-    volume_lost: float = 0.0
-    """Chi squared that its growing modes make of the residual too little."""
+    growing: float = 0.0
+    """Chi squared that its growing modes cost."""
     _envelope: list[Envelope] = field(default_factory=list)
 
     @cached_property
@@ -414,7 +387,11 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     as they tell; none goes beyond its bounds, where a lag would be a lead."""
     white = White.of(one, whitening)
     J, Z, e, shown = white.J, white.Z, white.residual, white.shown
-    imposed, taken, values = whitening([Y[None] for Y in one.Y_imposed])[0], True, one.model.values
+    imposed, taken, growing = (
+        whitening([Y[None] for Y in one.Y_imposed])[0],
+        True,
+        growing_modes.cost(one.model, whitening),
+    )
     if len(J):
         move = white.move(one)
         there = e - move @ J
@@ -422,12 +399,10 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
         gusts = shown is not None and one.model.structure.linear and white.power(there) < white.left
         taken = gusts or bool(there @ there < WORST_SETTLING * (e @ e))
         if taken:
-            e, imposed, values = there, imposed + move @ Z, values.copy()
-            values[[one.model.structure.names.index(name) for name in one.free]] += move
-    lost = volume_lost(Model(one.model.structure, values), whitening)
+            e, imposed, growing = there, imposed + move @ Z, max(0.0, growing + 2 * float(white.dear @ move))
     on_samples = any(effect.samples is not None for effect in one.model.structure.composed)
     return Stepped(
-        residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples, taken=taken, volume_lost=lost
+        residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples, taken=taken, growing=growing
     )
 
 
@@ -443,8 +418,8 @@ class White:
     """(b, N), by the imposed commands."""
     shown: Shown | None
     """None where no excitation is logged."""
-    volume: FloatArray
-    """(b,), slopes of half of what growing modes make of it too little."""
+    dear: FloatArray
+    """(b,), slopes of half of what growing modes cost."""
 
     @classmethod
     def of(cls, one: Candidate, whitening: Whitening) -> White:
@@ -454,7 +429,7 @@ class White:
         J = whitening(one.J)
         Z = J if one.J_imposed is one.J else whitening(one.J_imposed)
         loose = [one.model.structure.names.index(name) for name in one.free]
-        return cls(white_residual(one, whitening), J, Z, shown, volume_slopes(one.model, whitening)[loose])
+        return cls(white_residual(one, whitening), J, Z, shown, growing_modes.cost_slopes(one.model, whitening)[loose])
 
     @property
     def left(self) -> float:
@@ -470,7 +445,7 @@ class White:
         """Of the candidate's free parameters, between their bounds, to where the imposed commands leave least."""
         J, Z, e, shown = self.J, self.Z, self.residual, self.shown
         if shown is None:
-            return _within_bounds(one, Z @ J.T, Z @ e - self.volume)
+            return _within_bounds(one, Z @ J.T, Z @ e - self.dear)
         asked = shown.told(Z)
         return _within_bounds(one, asked @ J.T, asked @ e)
 
@@ -508,11 +483,11 @@ def gain(better: Stepped, worse: Stepped) -> tuple[float, float]:
     taken from the imposed commands, so that gusts in the commands as flown favour neither, and where it tells: what is
     slow is moved far apart by gusts in a loop. What acts on samples does in other gusts than those flown something else
     to what was imposed; so there the squares are taken as they are, where the excitation shows. In a loop growing modes
-    cost what they make of the residual too little.
+    have their cost.
     """
     apart, left = better.imposed - worse.imposed, better.residual + worse.residual
     if better.shown is None or worse.shown is None or not (better.on_samples or worse.on_samples):
         more = (better.told - worse.told) @ left
     else:
         more = worse.caused @ worse.caused - better.caused @ better.caused + (better.beyond - worse.beyond) @ left
-    return float(more) + worse.volume_lost - better.volume_lost, float(apart @ apart)
+    return float(more) + worse.growing - better.growing, float(apart @ apart)

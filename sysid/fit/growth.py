@@ -27,7 +27,9 @@ def growth_slopes(structure: Structure, values: FloatArray) -> FloatArray:
     steps = STEP * np.maximum(np.abs(values), 0.01 * np.abs(np.where(np.isfinite(typical), typical, 1.0)) + 1e-12)
     above, below = (_growth(structure, values + sign * np.diag(steps)) for sign in (1.0, -1.0))
     known = np.isfinite(above) & np.isfinite(below)  # a time constant of zero has no response
-    return np.asarray(np.where(known, np.subtract(above, below, where=known, out=np.zeros(len(steps))), 0) / (2 * steps))
+    return np.asarray(
+        np.where(known, np.subtract(above, below, where=known, out=np.zeros(len(steps))), 0) / (2 * steps)
+    )
 
 
 def _growth(structure: Structure, values: FloatArray) -> FloatArray:
