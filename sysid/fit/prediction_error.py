@@ -24,7 +24,6 @@ from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, free_of
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
-from sysid.fit.growth import growth, growth_slopes
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.rows import orthonormal, rows, smooth
 from sysid.fit.whitening import jumps
@@ -35,7 +34,7 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 MEMORY_S = 0.2
 """Of the noise."""
-STEPS = 100
+STEPS = 15
 SHORT = 0.05
 """Standard errors: a step that is shorter ends the search."""
 HALVINGS = 6
@@ -43,8 +42,8 @@ LEAST_PAST = 3.0
 """Times what chance makes of it, that past noise must foretell of the answers to the commands: else no loop shows."""
 MOST_PAST = 0.98
 """Of the answers to the commands: what past noise does not foretell of them is too little to identify a vehicle by."""
-AT_REST = 0.1
-"""1/s, of a pole: so near to the axis the likelihood has a kink, and no step that lowers it on either side."""
+WORST = 1.5
+"""Times the output error's power of the fit it begins at: more is another valley, or a model that does not fit."""
 WORST_CONDITION = 1e12
 
 
@@ -147,8 +146,6 @@ class Equations:
     """(k, k), what is left, before `root` made it white."""
     samples: int
     """Rows of real numbers, an output's."""
-    grows: float
-    """By which power of e the model's growing modes do in a sample."""
 
     @classmethod
     def at(cls, model: Model, noise: Noise, stacks: Sequence[Stack]) -> Equations:
@@ -161,16 +158,12 @@ class Equations:
             each = block.left[0].reshape(k, -1)
             white += each @ each.T
             samples += each.shape[1]
-        seconds = samples / noise.rate_hz
-        gradient[: model.values.size] -= seconds * growth_slopes(model.structure, model.values)
         back = np.linalg.inv(noise.root)
-        grows = growth(model.structure, model.values) / noise.rate_hz
-        return cls(model.values.size, curvature, gradient, back @ white @ back.T, samples, grows)
+        return cls(model.values.size, curvature, gradient, back @ white @ back.T, samples)
 
     @property
     def cost(self) -> float:
-        """Minus twice the log likelihood of a sample."""
-        return float(np.linalg.slogdet(self.new)[1]) + 2 * self.grows
+        return float(np.linalg.slogdet(self.new)[1])
 
     @property
     def to_past(self) -> FloatArray:
@@ -219,7 +212,7 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     except (RelaxationError, FitError, np.linalg.LinAlgError):
         return None
     error = output_error(model, bins.stacks)
-    if not np.all(np.isfinite(covariance)) or not np.all(np.isfinite(error.residual_power)):
+    if not np.all(np.isfinite(covariance)) or np.any(error.residual_power > WORST * found.error.residual_power):
         return None
     bound = tuple(name for i, name in enumerate(structure.names) if name not in fixed and i not in free)
     if set(bound) - set(found.at_bound):
@@ -265,17 +258,11 @@ def _settled(
         size = np.sqrt(np.maximum(np.diag(curvature)[free], 0))
         reached = lower(model, noise, stacks, here, move, lags)
         if reached is None:
-            return (model, noise, here) if _at_rest(model) else None
+            return None
         model, noise, here = reached
         if np.max(np.abs(move[free]) * size) < SHORT:
             return model, noise, here
     return None
-
-
-def _at_rest(model: Model) -> bool:
-    """Whether a mode neither grows nor fades."""
-    poles = np.linalg.eigvals(model.matrices.A)
-    return bool(np.any(np.abs(poles.real) < AT_REST))
 
 
 def lower(
