@@ -47,7 +47,7 @@ RIVALS = {
     "slipstream_wing": ("angle_of_attack", "angular_damping", "attitude_stiffness", "slipstream_wing"),
     "governor": ("angular_damping", "governor", "input_coupling"),
     "lag_per_axis": (*LATE, "lag_per_axis", "slipstream_wing"),
-    "servo_acceleration_limit": (*LATE, "lag_per_axis", "servo_rate_limit", "servo_acceleration_limit"),
+    "servo_acceleration_limit": ("servo_lag", "lag_per_axis", "servo_rate_limit", "servo_acceleration_limit"),
 }
 OF_EACH_KIND = ("gyro_filter", "cubic_damping", "slipstream_wing", "servo_acceleration_limit")
 """A lag, one that is not linear, a lagged moment, and one that acts on samples: `make study` asks the others too."""

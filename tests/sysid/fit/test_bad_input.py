@@ -293,6 +293,8 @@ def test_a_structure_is_judged_as_it_is_asked_for_and_not_by_its_base(monkeypatc
         identify(TPP, flown("servo_lag"))
 
 
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "transport_delay")], indirect=True)
 def test_what_the_model_lacks_is_no_lack_of_data(monkeypatch: pytest.MonkeyPatch) -> None:
     """Strange flight 4008587: a drift of the hover that the base has not left delta_x known to 38 %, after two chirps.
 
