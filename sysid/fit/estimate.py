@@ -125,8 +125,11 @@ def best_values(
 
 
 def lacks(found: Estimate, bins: Bins) -> bool:
-    """Whether a logged excitation plainly explains something of what the fit leaves: the model lacks an effect."""
+    """Whether a logged excitation plainly explains something of what the fit leaves, that of a vaguely known axis among
+    it: the model lacks an effect, and not the runs a maneuver."""
     if bins.instruments(found.model.structure.commands) is None:
+        return False
+    if found.vague is not None and not _excited(found.vague.command, bins.stacks):
         return False
     left = divide(found.error, bins.stacks, bins.causes(found.model.structure.commands))
     return left.chi_squared > left.degrees + PLAINLY * math.sqrt(2 * left.degrees)
@@ -317,10 +320,14 @@ def _asks_less(found: Model, least_squares: Model, stacks: Sequence[Stack], caus
 
 def _worst_unbiasing(structure: Structure, stacks: Sequence[Stack]) -> float:
     """More where a command has no excitation: there least squares takes feedback for answers, and gusts with it."""
-    runs = [one.segment.channels for group in stacks for one in group.spectra]
-    excitations = [excitation_of(name) for name in structure.commands]
-    excited = all(any(np.any(one[name]) for one in runs if name in one) for name in excitations)
+    excited = all(_excited(name, stacks) for name in structure.commands)
     return WORST_UNBIASING if excited else WORST_OF_ONE_AXIS
+
+
+def _excited(command: str, stacks: Sequence[Stack]) -> bool:
+    """Whether an excitation of this command is logged, and moves."""
+    runs = (one.segment.channels for group in stacks for one in group.spectra)
+    return any(np.any(one[excitation_of(command)]) for one in runs if excitation_of(command) in one)
 
 
 def asked_with(

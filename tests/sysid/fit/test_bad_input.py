@@ -310,13 +310,19 @@ def test_what_the_model_lacks_is_no_lack_of_data(monkeypatch: pytest.MonkeyPatch
             ask(TPP, flown(None))
 
 
-def test_without_a_logged_excitation_nothing_shows_that_the_model_lacks_something(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    "logged",
+    [
+        {"excitation_x": None, "excitation_y": None},
+        {"excitation_x": lambda channels: np.zeros_like(channels["t"])},  # pitch alone was excited, and roll is vague
+    ],
+)
+def test_without_its_excitation_nothing_shows_that_the_model_lacks_something(
+    logged: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sysid.fit.estimate.vague_axis", _half_known)
-    unlogged = changed(flown("servo_lag"), excitation_x=None, excitation_y=None)
     with pytest.raises(FitError, match="known only to 59 % of itself"):
-        identify(TPP, unlogged)
+        identify(TPP, changed(flown("servo_lag"), **logged))
 
 
 def test_a_still_command_beside_one_that_moves_is_no_input() -> None:
