@@ -48,8 +48,7 @@ from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.errors import FitError
-from sysid.fit.estimate import best_values, lacks
+from sysid.fit.estimate import best_values, refuse_vague
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
@@ -95,17 +94,10 @@ def diagnose(
         if _as_likely(other, asked):
             asked, thinned = other, usual.what
     answer = _with_chains(asked, say, limit) if chains else asked.finished(ChainSearch())
-    _refuse_vague(answer)
+    if answer.verdict != "missing":  # of an axis that is hardly known only the effect is told that would make it known
+        last = answer.parent
+        refuse_vague(last.estimate, last.dataset.viewed(last.model.structure.inputs))
     return replace(answer, thinned=thinned)
-
-
-def _refuse_vague(answer: Diagnosis) -> None:
-    """Of an axis that is hardly known nothing is said but which effect would make it known."""
-    parent, told = answer.parent, answer.parent.estimate
-    if answer.verdict == "missing" or told.vague is None:
-        return
-    if not lacks(told, parent.dataset.viewed(parent.model.structure.inputs)):
-        raise FitError(told.vague.refusal)
 
 
 def _judging(runs: Dataset | None, parent: Candidate, loop_s: float | None) -> Dataset | None:

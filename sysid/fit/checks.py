@@ -233,10 +233,10 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     return said
 
 
-LATE_ALREADY = frozenset(
-    {"servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "servo_acceleration_limit", "transport_delay"}
-    | {"gyro_lag", "gyro_filter"}
-)
+LATE_ALREADY = frozenset((
+    "servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "servo_acceleration_limit", "transport_delay",
+    "gyro_lag", "gyro_filter",
+))  # fmt: skip
 HINT_TOLERANCE = 1e-3
 """Of the summed logarithms of residual power: a twentieth of a percent of a rate."""
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)

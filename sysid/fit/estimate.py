@@ -99,8 +99,7 @@ def estimate(
     the data do not determine the parameters.
     """
     found = best_values(structure, bins, parent, fixed, weights)
-    if found.vague is not None and not lacks(found, bins):
-        raise FitError(found.vague.refusal)
+    refuse_vague(found, bins)
     return found
 
 
@@ -122,6 +121,12 @@ def best_values(
     parent = _hold(parent, fixed)
     found = _weighed(_least_squares(structure, bins.stacks, parent, fixed), bins, fixed, weights)
     return _deeper(found, parent, bins, fixed)
+
+
+def refuse_vague(found: Estimate, bins: Bins) -> None:
+    """Raises FitError where an axis is known only vaguely, and nothing shows that it is the model which lacks."""
+    if found.vague is not None and not lacks(found, bins):
+        raise FitError(found.vague.refusal)
 
 
 def lacks(found: Estimate, bins: Bins) -> bool:

@@ -14,7 +14,7 @@ from sysid.data.record import AXIS_OF, COMMANDS, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.clocks import found_hold, shared_error
-from sysid.fit.estimate import Estimate, Weights, estimate
+from sysid.fit.estimate import Estimate, Weights, estimate, lacks
 from sysid.fit.feedback import refuse_feedback_alone
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
@@ -200,7 +200,7 @@ class _Step:
             *_suspicious_signs(self.found),
             *explained,
             *_held_stable(self.settled),
-            *_vague_axis(self.found),
+            *_vague_axis(self.found, self.fitted),
             *_vague_directions(self.found),
             *_missing_sweeps(runs.records, model.structure),
             *_failed_validation(self.rung.validation_nrmse_percent),
@@ -311,9 +311,9 @@ def _held_stable(settled: Settled) -> list[str]:
     ]
 
 
-def _vague_axis(found: Estimate) -> list[str]:
-    """What stands here in spite of it shows that the model lacks something; else it is refused."""
-    if found.vague is None:
+def _vague_axis(found: Estimate, bins: Bins) -> list[str]:
+    """Asked of the fit as it ended: where noise is predicted too, errors are others than those that were let pass."""
+    if found.vague is None or not lacks(found, bins):
         return []
     return [
         f"{found.vague.known}, and the excitation explains more than the model does: it lacks an effect; tippath "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, NoReturn
 
@@ -18,7 +19,7 @@ from sysid.data.dataset import Dataset
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.errors import FitError
-from sysid.fit.axes import VagueAxis
+from sysid.fit.axes import VagueAxis, vague_axis
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
@@ -323,6 +324,17 @@ def test_without_its_excitation_nothing_shows_that_the_model_lacks_something(
     monkeypatch.setattr("sysid.fit.estimate.vague_axis", _half_known)
     with pytest.raises(FitError, match="known only to 59 % of itself"):
         identify(TPP, changed(flown("servo_lag"), **logged))
+
+
+def test_what_no_excitation_shows_is_not_said_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Known well by least squares, and vaguely once the noise is predicted, too."""
+    monkeypatch.setattr(
+        "sysid.fit.identify.prediction_error", lambda found, *_: replace(found, covariance=1e5 * found.covariance)
+    )
+    fit = identify(TPP, changed(flown("servo_lag"), excitation_x=None, excitation_y=None))
+    assert fit.instrument == "commands"
+    assert vague_axis(fit.model, fit.covariance) is not None
+    assert not any("the excitation explains" in text for text in fit.warnings)
 
 
 def test_a_still_command_beside_one_that_moves_is_no_input() -> None:

@@ -127,7 +127,7 @@ def test_a_rate_limit_is_one_ramp_after_the_other(runs: list[Record], rate: floa
 
 @pytest.mark.parametrize("acceleration", [0.5, 20.0, 400.0, 2e4, 1e9])
 def test_limited_acceleration_is_one_braking_after_the_other(runs: list[Record], acceleration: float) -> None:
-    """All samples at once come to what each gives the next: by the closed form of one, and by many small steps."""
+    """All samples at once come to what each gives the next, by the closed form of one."""
     braked = find("servo_acceleration_limit").samples
     assert braked is not None
     command, dt = runs[0].channels["delta_x"][:3000], 0.002
