@@ -36,6 +36,7 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step
+from sysid.diagnose.growing_modes import likeliest
 from sysid.diagnose.halves import halves_alone
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.likely import SAME
@@ -227,8 +228,9 @@ def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin
     """
     if begin is not None:
         begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
-    found = best_values(structure, on.viewed(structure.inputs), begin, fixed, "constant")
-    return candidate(found, tuple(fixed), on)
+    bins = on.viewed(structure.inputs)
+    found = best_values(structure, bins, begin, fixed, "constant")
+    return candidate(likeliest(found, on, bins, fixed), tuple(fixed), on)
 
 
 def _reference(

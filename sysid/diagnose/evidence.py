@@ -16,6 +16,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
+from sysid.diagnose import growing_modes
 from sysid.diagnose.shown import Shown, as_loud_as_it_is, shown_by
 from sysid.errors import FitError
 from sysid.fit.bursts import Envelope
@@ -119,14 +120,15 @@ class Candidate:
             here = min(here, told, key=lambda one: power_left(one, metric))
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
-            least = float(e @ e) - LITTLE_MOVED
-            for step in _steps(J, e):
+            least = float(e @ e) + growing_modes.cost(here.estimate, metric) - LITTLE_MOVED
+            for step in _steps(J, e, growing_modes.cost_slopes(here.estimate, metric, here.free)):
                 before, values = here.model.values, here.model.values.copy()
                 values[loose] += step
                 # a bound itself may have no response
                 values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
                 rest = residual_at(here, values, metric)  # derivatives cost many times as much
-                there = here.at(values) if rest is not None and float(rest @ rest) < least else None
+                more = growing_modes.cost(here.estimate, metric, values)
+                there = here.at(values) if rest is not None and float(rest @ rest) + more < least else None
                 if there is not None:
                     here = there
                     break
@@ -250,19 +252,19 @@ def imposed_answers(
     return Ys, Js
 
 
-def _steps(J: FloatArray, e: FloatArray) -> Iterator[FloatArray]:
+def _steps(J: FloatArray, e: FloatArray, dear: FloatArray | float = 0.0) -> Iterator[FloatArray]:
     """Moves of parameters whose rows are J, to try one after the other: the second where what the runs hardly
-    determine runs away with the first."""
+    determine runs away with the first. Half of what growing modes cost has the slopes `dear`."""
     if not len(J):
         return
     with np.errstate(over="ignore", invalid="ignore"):
-        information, slope = J @ J.T, J @ e
+        information, slope = J @ J.T, J @ e - dear
     if not (np.isfinite(information).all() and np.isfinite(slope).all()):
         return  # of a model that is not stable, and leads nowhere
     yield np.asarray(np.linalg.lstsq(information, slope, rcond=1e-10)[0])
     scale = np.maximum(np.linalg.norm(J, axis=1), 1e-300)
     rows = J / scale[:, None]
-    yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), rows @ e) / scale)
+    yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), slope / scale) / scale)
 
 
 def as_loud(one: Candidate, metric: Whitening) -> Whitening:
@@ -273,8 +275,8 @@ def as_loud(one: Candidate, metric: Whitening) -> Whitening:
 
 
 def power_left(one: Candidate, metric: Whitening) -> float:
-    """Of what it leaves, the power in white rows."""
-    return float(np.sum(white_residual(one, metric) ** 2))
+    """Of what it leaves, the power in white rows, and what its growing modes cost."""
+    return float(np.sum(white_residual(one, metric) ** 2)) + growing_modes.cost(one.estimate, metric)
 
 
 def white_residual(one: Candidate, metric: Whitening) -> FloatArray:
@@ -317,8 +319,10 @@ def refit(
     if open_to_all is not None:
         raise FitError(open_to_all)
     begin = near or (parent.model if composed.base == parent.model.structure.base else None)
-    found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed, parent.estimate.weights)
-    made = candidate(found, tuple(fixed), parent.dataset, added)
+    on, bins = parent.dataset, parent.dataset.viewed(composed.inputs)
+    found = estimate(composed, bins, begin, fixed, parent.estimate.weights)
+    found = growing_modes.likeliest(found, on, bins, fixed)
+    made = candidate(found, tuple(fixed), on, added)
     _ = made.asked  # what does not settle on the bins of its metric is no candidate
     return made
 
@@ -344,6 +348,8 @@ class Stepped:
     """Whether something in it acts on samples of the commands."""
     taken: bool = True
     """Whether the step was, or there was none to take."""
+    growing: float = 0.0
+    """Chi squared that its growing modes cost."""
     _envelope: list[Envelope] = field(default_factory=list)
 
     @cached_property
@@ -382,6 +388,7 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     white = White.of(one, whitening)
     J, Z, e, shown = white.J, white.Z, white.residual, white.shown
     imposed, taken = whitening([Y[None] for Y in one.Y_imposed])[0], True
+    growing = growing_modes.cost(one.estimate, whitening)
     if len(J):
         move = white.move(one)
         there = e - move @ J
@@ -389,9 +396,11 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
         gusts = shown is not None and one.model.structure.linear and white.power(there) < white.left
         taken = gusts or bool(there @ there < WORST_SETTLING * (e @ e))
         if taken:
-            e, imposed = there, imposed + move @ Z
+            e, imposed, growing = there, imposed + move @ Z, max(0.0, growing + 2 * float(white.dear @ move))
     on_samples = any(effect.samples is not None for effect in one.model.structure.composed)
-    return Stepped(residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples, taken=taken)
+    return Stepped(
+        residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples, taken=taken, growing=growing
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -406,6 +415,8 @@ class White:
     """(b, N), by the imposed commands."""
     shown: Shown | None
     """None where no excitation is logged."""
+    dear: FloatArray
+    """(b,), slopes of half of what growing modes cost."""
 
     @classmethod
     def of(cls, one: Candidate, whitening: Whitening) -> White:
@@ -414,7 +425,8 @@ class White:
             shown = shown_by(whitening, by)
         J = whitening(one.J)
         Z = J if one.J_imposed is one.J else whitening(one.J_imposed)
-        return cls(white_residual(one, whitening), J, Z, shown)
+        dear = growing_modes.cost_slopes(one.estimate, whitening, one.free)
+        return cls(white_residual(one, whitening), J, Z, shown, dear)
 
     @property
     def left(self) -> float:
@@ -430,7 +442,7 @@ class White:
         """Of the candidate's free parameters, between their bounds, to where the imposed commands leave least."""
         J, Z, e, shown = self.J, self.Z, self.residual, self.shown
         if shown is None:
-            return _within_bounds(one, Z @ J.T, Z @ e)
+            return _within_bounds(one, Z @ J.T, Z @ e - self.dear)
         asked = shown.told(Z)
         return _within_bounds(one, asked @ J.T, asked @ e)
 
@@ -467,11 +479,12 @@ def gain(better: Stepped, worse: Stepped) -> tuple[float, float]:
     |e_2|^2 - |e_1|^2 is the product of what the models differ by and the sum of their residuals; the difference is
     taken from the imposed commands, so that gusts in the commands as flown favour neither, and where it tells: what is
     slow is moved far apart by gusts in a loop. What acts on samples does in other gusts than those flown something else
-    to what was imposed; so there the squares are taken as they are, where the excitation shows.
+    to what was imposed; so there the squares are taken as they are, where the excitation shows. In a loop growing modes
+    have their cost.
     """
     apart, left = better.imposed - worse.imposed, better.residual + worse.residual
     if better.shown is None or worse.shown is None or not (better.on_samples or worse.on_samples):
         more = (better.told - worse.told) @ left
     else:
         more = worse.caused @ worse.caused - better.caused @ better.caused + (better.beyond - worse.beyond) @ left
-    return float(more), float(apart @ apart)
+    return float(more) + worse.growing - better.growing, float(apart @ apart)

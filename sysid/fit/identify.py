@@ -203,7 +203,7 @@ class _Step:
             *_vague_axis(self.found, self.fitted),
             *_vague_directions(self.found),
             *_missing_sweeps(runs.records, model.structure),
-            *_failed_validation(self.rung.validation_nrmse_percent),
+            *_failed_validation(self.rung.validation_nrmse_percent, self.found),
         ]
 
 
@@ -344,9 +344,15 @@ def _missing_sweeps(records: Sequence[Record], structure: Structure) -> list[str
     ]
 
 
-def _failed_validation(judged: Mapping[str, float] | None) -> list[str]:
+def _failed_validation(judged: Mapping[str, float] | None, found: Estimate) -> list[str]:
     if judged is None or min(judged.values()) > 0:
         return []
+    if found.instrument == "prediction error":
+        return [
+            "from commands alone the model predicts the validation runs worse than none at all, as it may where gusts "
+            "are in the commands: its numbers are those that foretell best what is new in each sample; log the "
+            "excitation to judge them by simulation"
+        ]
     return ["on the validation runs the model is worse than none at all: do not use it there"]
 
 

@@ -44,6 +44,11 @@ class Innovations(Whitening):
     """Where model and noise together predict best."""
 
     @property
+    def seconds(self) -> float:
+        """Of the runs, in samples of that rate: as many as there are rows of an output."""
+        return float(2 * sum(group.Y.shape[1] for group in self.stacks) / self.rate_hz)
+
+    @property
     def log_likelihood(self) -> float:
         """Of what its model leaves, but for what is the same of all on these bins: rows have unit variance."""
         return float(sum(np.sum(np.log(np.abs(np.linalg.det(one)) ** 2)) for one in self.whitener))

@@ -24,6 +24,7 @@ from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, free_of
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
+from sysid.fit.growth import answered, growth, growth_slopes
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.rows import orthonormal, rows, smooth
 from sysid.fit.whitening import jumps
@@ -34,7 +35,8 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 MEMORY_S = 0.2
 """Of the noise."""
-STEPS = 15
+STEPS, MANY_STEPS = 15, 100
+"""The second where growing modes have their cost, which leads far."""
 SHORT = 0.05
 """Standard errors: a step that is shorter ends the search."""
 HALVINGS = 6
@@ -43,7 +45,10 @@ LEAST_PAST = 3.0
 MOST_PAST = 0.98
 """Of the answers to the commands: what past noise does not foretell of them is too little to identify a vehicle by."""
 WORST = 1.5
-"""Times the output error's power of the fit it begins at: more is another valley, or a model that does not fit."""
+"""Times the output error's power of the fit it begins at: more is another valley, or a model that does not fit. Not
+where that fit has growing modes that the loop may have made: what explains more for them leaves less."""
+AT_REST = 0.1
+"""1/s, of a pole: so near to the axis the likelihood has a kink, and no step that lowers it on either side."""
 WORST_CONDITION = 1e12
 
 
@@ -56,9 +61,11 @@ class Noise:
     root: FloatArray
     """(k, k), lower triangular"""
     rate_hz: float
+    gusty: bool = False
+    """Whether growing modes have their cost beside it."""
 
     @classmethod
-    def of(cls, error: OutputError, stacks: Sequence[Stack], rate_hz: float) -> Noise:
+    def of(cls, error: OutputError, stacks: Sequence[Stack], rate_hz: float, gusty: bool = False) -> Noise:
         """By Yule and Walker, from the residuals' spectrum."""
         k, count = error.residual_power.size, max(1, round(MEMORY_S * rate_hz))
         whole = [np.concatenate([group.scale for group in stacks]), np.concatenate([g.frequency_hz for g in stacks])]
@@ -68,7 +75,7 @@ class Noise:
         T = np.block([[R[count + i - m] for i in range(1, count + 1)] for m in range(1, count + 1)])
         lags = np.linalg.solve(T.T, -np.hstack(after[1:]).T).T.reshape(k, count, k).swapaxes(0, 1)
         new = after[0] + np.sum(lags @ np.stack(after[1:]).swapaxes(1, 2), axis=0)
-        return cls(lags, _root(0.25 * (new + new.T) / v.shape[1]), rate_hz)
+        return cls(lags, _root(0.25 * (new + new.T) / v.shape[1]), rate_hz, gusty)
 
     @property
     def stable(self) -> bool:
@@ -134,7 +141,7 @@ def _less(basis: FloatArray, some: FloatArray) -> FloatArray:
     return some - (some @ basis.T) @ basis
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Equations:
     """Normal equations in the parameters and in the noise's numbers together."""
 
@@ -146,6 +153,8 @@ class Equations:
     """(k, k), what is left, before `root` made it white."""
     samples: int
     """Rows of real numbers, an output's."""
+    grows: float
+    """By which power of e the model's growing modes do in a sample."""
 
     @classmethod
     def at(cls, model: Model, noise: Noise, stacks: Sequence[Stack]) -> Equations:
@@ -158,12 +167,24 @@ class Equations:
             each = block.left[0].reshape(k, -1)
             white += each @ each.T
             samples += each.shape[1]
+        grows = 0.0
+        if noise.gusty:
+            grows = growth(model.structure, model.values) / noise.rate_hz
+            gradient[: model.values.size] -= samples / noise.rate_hz * growth_slopes(model.structure, model.values)
         back = np.linalg.inv(noise.root)
-        return cls(model.values.size, curvature, gradient, back @ white @ back.T, samples)
+        return cls(
+            count=model.values.size,
+            curvature=curvature,
+            gradient=gradient,
+            new=back @ white @ back.T,
+            samples=samples,
+            grows=grows,
+        )
 
     @property
     def cost(self) -> float:
-        return float(np.linalg.slogdet(self.new)[1])
+        """Minus twice the log likelihood of a sample."""
+        return float(np.linalg.slogdet(self.new)[1]) + 2 * self.grows
 
     @property
     def to_past(self) -> FloatArray:
@@ -200,9 +221,10 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     if jumping(structure, found.model.values, bins.stacks[0]):
         return None
     stacks, rate_hz = _widened(bins, structure)
+    gusty = answered(structure, found.error)
     try:
         with np.errstate(all="ignore"):  # a step too far has no response: what comes out is not finite
-            settled = _settled(found.model, stacks, rate_hz, fixed)
+            settled = _settled(found.model, stacks, rate_hz, fixed, gusty)
             if settled is None:
                 return None
             model, noise, equations = settled
@@ -212,7 +234,9 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     except (RelaxationError, FitError, np.linalg.LinAlgError):
         return None
     error = output_error(model, bins.stacks)
-    if not np.all(np.isfinite(covariance)) or np.any(error.residual_power > WORST * found.error.residual_power):
+    misled = gusty and growth(structure, found.model.values) > 0
+    most = np.inf if misled else WORST
+    if not np.all(np.isfinite(covariance)) or not np.all(error.residual_power <= most * found.error.residual_power):
         return None
     bound = tuple(name for i, name in enumerate(structure.names) if name not in fixed and i not in free)
     if set(bound) - set(found.at_bound):
@@ -236,13 +260,13 @@ def _widened(bins: Bins, structure: Structure) -> tuple[tuple[Stack, ...], float
 
 
 def _settled(
-    model: Model, stacks: Sequence[Stack], rate_hz: float, fixed: Collection[str]
+    model: Model, stacks: Sequence[Stack], rate_hz: float, fixed: Collection[str], gusty: bool
 ) -> tuple[Model, Noise, Equations] | None:
     """Gauss-Newton steps of parameters and noise together, halved where what is left grows."""
     structure, free = model.structure, free_of(model, fixed)
     if not free:
         return None
-    noise = Noise.of(output_error(model, stacks), stacks, rate_hz)
+    noise = Noise.of(output_error(model, stacks), stacks, rate_hz, gusty)
     here = Equations.at(model, noise, stacks)
     share = here.past_share(free)
     chance = noise.lags.size / (noise.root.shape[0] * here.samples)
@@ -250,7 +274,7 @@ def _settled(
         return None
     low, high = structure.bounds
     movable = np.isin(np.arange(model.values.size), free)
-    for _ in range(STEPS):
+    for _ in range(MANY_STEPS if gusty else STEPS):
         curvature, gradient = here.beside_past
         step = NormalEquations(np.diag(here.new), curvature, gradient, [])
         move = bounded_step(step, movable, low - model.values, high - model.values)
@@ -258,11 +282,17 @@ def _settled(
         size = np.sqrt(np.maximum(np.diag(curvature)[free], 0))
         reached = lower(model, noise, stacks, here, move, lags)
         if reached is None:
-            return None
+            return (model, noise, here) if gusty and _at_rest(model) else None
         model, noise, here = reached
         if np.max(np.abs(move[free]) * size) < SHORT:
             return model, noise, here
     return None
+
+
+def _at_rest(model: Model) -> bool:
+    """Whether a mode neither grows nor fades."""
+    poles = np.linalg.eigvals(model.matrices.A)
+    return bool(np.any(np.abs(poles.real) < AT_REST))
 
 
 def lower(
@@ -274,7 +304,7 @@ def lower(
     for _ in range(HALVINGS):
         # what is very large loses its bound to rounding: a rate of 1e16 less 1e16 is none
         tried = Model(model.structure, np.clip(model.values + length * move, low, high))
-        told = Noise(noise.lags + length * lags, root, noise.rate_hz)
+        told = replace(noise, lags=noise.lags + length * lags, root=root)
         if told.stable:
             there = Equations.at(tried, told, stacks)
             if np.isfinite(there.cost) and there.cost < here.cost + 1e-6:

@@ -40,6 +40,11 @@ def test_the_excitation_decides_where_least_squares_leaves_less(
     assert fit.model["L_lat"] == pytest.approx(truth["L_lat"], rel=0.05)
     assert fit.model["M_lon"] == pytest.approx(truth["M_lon"], rel=0.05)
     monkeypatch.setattr(estimate, "_asks_less", lambda *_: False)
+    foretold = identify(on_runs("cd", (), runs, runs), runs, effects=["motor_lag"])
+    assert foretold.instrument == "prediction error"  # which knows no excitation, and gets there all the same
+    assert foretold.model["tau_m"] == pytest.approx(flown.hidden.sizes[0]["tau_m"], rel=0.03)
+    assert foretold.model["L_p"] == pytest.approx(truth["L_p"], abs=0.3)
+    monkeypatch.setattr("sysid.fit.identify.prediction_error", lambda *_: None)
     before = identify(on_runs("cd", (), runs, runs), runs, effects=["motor_lag"])
     assert before.instrument == "commands"
     assert before.nrmse_percent["p"] > fit.nrmse_percent["p"]
