@@ -311,7 +311,8 @@ def _told(
     """How sure a name is, or, where there is a `chance` of noise, that it is none."""
     short, single = shares.short(winner), len(winner.effects) == 1
     if chance is None:
-        named = of_single(ratio, shares.left(winner), among) if single else of_chain(ratio, short, among)
+        excited = reference.parent.division.measured
+        named = of_single(ratio, shares.left(winner), among, excited) if single else of_chain(ratio, short, among)
         return _named_sure(winner, named)
     return _of_unexplained(winner, chance, (of_named if single else of_chain)(ratio, short, among), reference, shares)
 
