@@ -21,6 +21,7 @@ from sysid.diagnose.shown import Shown, as_loud_as_it_is, shown_by
 from sysid.errors import FitError
 from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.growth import answered
 from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
@@ -127,8 +128,10 @@ class Candidate:
                 # a bound itself may have no response
                 values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
                 rest = residual_at(here, values, metric)  # derivatives cost many times as much
-                more = growing_modes.cost(here.estimate, metric, values)
-                there = here.at(values) if rest is not None and float(rest @ rest) + more < least else None
+                if rest is None:
+                    continue
+                left = float(rest @ rest) + growing_modes.cost(here.estimate, metric, values)
+                there = here.at(values) if left < least else None
                 if there is not None:
                     here = there
                     break
@@ -160,7 +163,8 @@ class Candidate:
     def metric(self) -> Whitening:
         """White rows by the noise that it leaves: for `asked`, and for that of every other candidate."""
         if self.dataset.in_a_loop:
-            return innovations(self.model, self.dataset.wider, self.asked.free)
+            gusty = answered(self.model.structure, self.estimate.error)
+            return innovations(self.model, self.dataset.wider, self.asked.free, gusty)
         return noise_whitening(self.model, self.dataset.stacks, self._divided)
 
     @cached_property
@@ -391,12 +395,14 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     growing = growing_modes.cost(one.estimate, whitening)
     if len(J):
         move = white.move(one)
-        there = e - move @ J
+        there, values = e - move @ J, one.model.values.copy()
+        values[[one.model.structure.names.index(name) for name in one.free]] += move
+        grows = growing_modes.cost(one.estimate, whitening, values)
         # a jump has no slope to follow; elsewhere gusts that feedback lets commands explain are no reason to stay
         gusts = shown is not None and one.model.structure.linear and white.power(there) < white.left
-        taken = gusts or bool(there @ there < WORST_SETTLING * (e @ e))
+        taken = gusts or bool(there @ there + grows < WORST_SETTLING * (e @ e + growing))
         if taken:
-            e, imposed, growing = there, imposed + move @ Z, max(0.0, growing + 2 * float(white.dear @ move))
+            e, imposed, growing = there, imposed + move @ Z, grows
     on_samples = any(effect.samples is not None for effect in one.model.structure.composed)
     return Stepped(
         residual=e, imposed=imposed, J=J, Z=Z, shown=shown, on_samples=on_samples, taken=taken, growing=growing

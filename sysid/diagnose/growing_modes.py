@@ -12,19 +12,16 @@ import numpy as np
 
 from sysid.data.dataset import Bins, Dataset
 from sysid.fit.estimate import Estimate
-from sysid.fit.growth import answered, growth, growth_slopes
+from sysid.fit.growth import SURELY, answered, growth, growth_slopes
 from sysid.fit.innovations import Innovations
 from sysid.fit.prediction_error import prediction_error
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray
 
-SURELY = 10.0
-"""Chi squared that growing modes cost, from which on a fit in a loop is looked at again."""
-
 
 def cost(one: Estimate, metric: Whitening, values: FloatArray | None = None) -> float:
     """By how much chi squared of what is new is too small behind them, of an estimate or at other values of its
-    parameters; nothing where no feedback makes commands, or where the commands explain most of the motion."""
+    parameters; nothing where no feedback makes commands, or where no loop's answers are what grows (`answered`)."""
     if not (seconds := _answered_s(one, metric)):
         return 0.0
     return 2 * seconds * growth(one.model.structure, one.model.values if values is None else values)
@@ -45,8 +42,9 @@ def _answered_s(one: Estimate, metric: Whitening) -> float:
 
 def likeliest(found: Estimate, on: Dataset, bins: Bins, fixed: Collection[str]) -> Estimate:
     """The estimate; in a loop, where its growing modes cost surely more than nothing, the one that foretells best."""
-    structure, seconds = found.model.structure, sum(one.samples * one.dt for one in bins.spectra)
-    if not (on.in_a_loop and structure.linear and answered(structure, found.error)):
+    structure = found.model.structure
+    if not (on.in_a_loop and answered(structure, found.error)):
         return found
+    seconds = sum(one.samples * one.dt for one in bins.spectra)
     costly = 2 * seconds * growth(structure, found.model.values) > SURELY
     return (prediction_error(found, bins, fixed) if costly else None) or found

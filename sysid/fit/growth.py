@@ -11,35 +11,41 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.fit.output_error import OutputError
-from sysid.model.structure import FloatArray, Structure
+from sysid.model.structure import FloatArray, Structure, slowest_told
 
-GUSTY = 0.2
-"""Of the outputs' power, left by a model: from here on it is taken for noise, which a controller answers. What a model
-leaves of a motion that it explains is for the most part its own error, and of that the likelihood knows nothing."""
+OWN_ERROR = 0.67
+"""Correlation of what is left with the motion (`OutputError.with_motion`), from which on it is for the most part the
+model's own error, and of that the likelihood knows nothing. Of 70 strange vehicles it was 0.56 at most, of four that
+their loops misled 0.46 from any low edge; of a Crazyflie indoors, fitted with its motors' lag, 0.78 to 0.85."""
+SURELY = 10.0
+"""Chi squared that growing modes cost, from which on they are more than rounding, or chance."""
 STEP = 1e-6
 """Of a parameter, or of one hundredth of its typical size where it is smaller."""
 
 
 def answered(structure: Structure, error: OutputError) -> bool:
-    """Whether so much is left that growing modes may be the loop's answers to it. Not of a bare base: where that grows
-    it lacks something, which no likelihood mends."""
-    return bool(structure.composed) and bool(np.mean(error.shares) > GUSTY)
+    """Whether growing modes may be the loop's answers to what is left. Not of a bare base: where that grows it lacks
+    something, which no likelihood mends. Nor where motion is not linear, of which Bode's integral does not hold."""
+    return bool(structure.composed) and structure.linear and error.with_motion < OWN_ERROR
 
 
 def growth(structure: Structure, values: FloatArray) -> float:
-    """The sum of the real parts of growing modes, 1/s; infinite where there is no response."""
+    """The sum of the real parts of growing modes, 1/s, those that count for `Model.stable`; infinite where there is no
+    response."""
     return float(_growth(structure, values[None])[0])
 
 
 def growth_slopes(structure: Structure, values: FloatArray) -> FloatArray:
-    """Its slopes to the parameters, (parameters,): of the sum, which is smooth where modes fall together."""
+    """Its slopes to the parameters, (parameters,), within their bounds: of the sum, which is smooth where modes fall
+    together, but not where one begins to grow."""
     typical = np.array([one.typical for one in structure.parameters])
     steps = STEP * np.maximum(np.abs(values), 0.01 * np.abs(np.where(np.isfinite(typical), typical, 1.0)) + 1e-12)
-    above, below = (_growth(structure, values + sign * np.diag(steps)) for sign in (1.0, -1.0))
-    known = np.isfinite(above) & np.isfinite(below)  # a time constant of zero has no response
-    return np.asarray(
-        np.where(known, np.subtract(above, below, where=known, out=np.zeros(len(steps))), 0) / (2 * steps)
-    )
+    low, high = structure.bounds
+    most, least = np.minimum(values + steps, high) - values, np.maximum(values - steps, low) - values
+    above, below = (_growth(structure, values + np.diag(one)) for one in (most, least))
+    known = np.isfinite(above) & np.isfinite(below) & (most > least)  # a time constant of zero has no response
+    with np.errstate(all="ignore"):
+        return np.asarray(np.where(known, (above - below) / (most - least), 0.0))
 
 
 def _growth(structure: Structure, values: FloatArray) -> FloatArray:
@@ -48,4 +54,5 @@ def _growth(structure: Structure, values: FloatArray) -> FloatArray:
         A = structure.matrices(values).A
     known = np.all(np.isfinite(A), axis=(1, 2))
     poles = np.linalg.eigvals(np.where(known[:, None, None], A, 0.0))
-    return np.asarray(np.where(known, np.sum(np.maximum(poles.real, 0.0), axis=-1), np.inf))
+    grows = np.where(np.abs(poles) >= slowest_told(structure), np.maximum(poles.real, 0.0), 0.0)
+    return np.asarray(np.where(known, np.sum(grows, axis=-1), np.inf))

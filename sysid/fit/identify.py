@@ -16,6 +16,7 @@ from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.clocks import found_hold, shared_error
 from sysid.fit.estimate import Estimate, Weights, estimate, lacks
 from sysid.fit.feedback import refuse_feedback_alone
+from sysid.fit.growth import answered
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.prediction_error import prediction_error
@@ -347,13 +348,13 @@ def _missing_sweeps(records: Sequence[Record], structure: Structure) -> list[str
 def _failed_validation(judged: Mapping[str, float] | None, found: Estimate) -> list[str]:
     if judged is None or min(judged.values()) > 0:
         return []
-    if found.instrument == "prediction error":
-        return [
-            "from commands alone the model predicts the validation runs worse than none at all, as it may where gusts "
-            "are in the commands: its numbers are those that foretell best what is new in each sample; log the "
-            "excitation to judge them by simulation"
-        ]
-    return ["on the validation runs the model is worse than none at all: do not use it there"]
+    said = "on the validation runs the model is worse than none at all: do not use it there"
+    if found.instrument == "prediction error" and answered(found.model.structure, found.error):
+        said += (
+            "; its numbers are those that foretell best what is new in each sample, and where gusts are in the "
+            "commands a simulation from these need not show it: log the excitation, and see"
+        )
+    return [said]
 
 
 def _resampling(found: Sequence[Spectrum]) -> list[str]:

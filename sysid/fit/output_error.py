@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
+from sysid.fit.bursts import BURST_S
 from sysid.fit.rows import project, rows
 from sysid.model.predict import respond
 from sysid.model.structure import FloatArray, Model
@@ -24,6 +26,30 @@ class OutputError:
     """(k,), mean square times samples, summed over all segments."""
     residual_power: FloatArray
     """(k,)"""
+    stacks: Sequence[Stack] = ()
+    """Of the segments; none where nobody asks how what is left goes with the motion."""
+
+    @cached_property
+    def with_motion(self) -> float:
+        """How surely what is left is louder where the motion is: the correlation of both powers' logarithms from one
+        BURST_S to the next, as angular accelerations. A model's own error grows with the motion, gusts blow as they
+        blow."""
+        moved: list[FloatArray] = []
+        left: list[FloatArray] = []
+        residuals = iter(self.residuals)
+        for group in self.stacks:
+            for one, part in zip(group.spectra, group.slices, strict=True):
+                e, bins = next(residuals), part.stop - part.start
+                width = max(1, round(BURST_S * bins / (one.samples * one.dt)))
+                by = group.frequency_hz[part] / np.sqrt(np.maximum(self.residual_power, 1e-300))[:, None]
+                for found, rates in ((moved, group.Y[:, part] - e), (left, e)):
+                    power = np.mean(np.abs(np.fft.ifft(by * rates, axis=1)) ** 2, axis=0)
+                    found.append(np.add.reduceat(power, np.arange(0, bins, width)))
+        if not moved:
+            return 0.0
+        x, y = (np.log(np.maximum(np.concatenate(one), 1e-300)) for one in (moved, left))
+        x, y = x - np.mean(x), y - np.mean(y)
+        return float(x @ y / max(float(np.sqrt((x @ x) * (y @ y))), 1e-300))
 
     @property
     def shares(self) -> FloatArray:
@@ -50,7 +76,7 @@ def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:
             residuals.append(left_over)
             left += scale**2 * np.sum(np.abs(left_over) ** 2, axis=1)
             measured += scale**2 * np.sum(np.abs(group.Y[:, part]) ** 2, axis=1)
-    return OutputError(residuals, measured, left)
+    return OutputError(residuals, measured, left, stacks)
 
 
 def axis_weights(stacks: Sequence[Stack], power: FloatArray) -> list[FloatArray]:

@@ -24,7 +24,7 @@ from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, free_of
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
-from sysid.fit.growth import answered, growth, growth_slopes
+from sysid.fit.growth import SURELY, answered, growth, growth_slopes
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.rows import orthonormal, rows, smooth
 from sysid.fit.whitening import jumps
@@ -36,7 +36,7 @@ from sysid.model.structure import FloatArray, Model, Structure
 MEMORY_S = 0.2
 """Of the noise."""
 STEPS, MANY_STEPS = 15, 100
-"""The second where growing modes have their cost, which leads far."""
+"""The second where growing modes have their cost, which may lead far."""
 SHORT = 0.05
 """Standard errors: a step that is shorter ends the search."""
 HALVINGS = 6
@@ -234,9 +234,11 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     except (RelaxationError, FitError, np.linalg.LinAlgError):
         return None
     error = output_error(model, bins.stacks)
-    misled = gusty and growth(structure, found.model.values) > 0
-    most = np.inf if misled else WORST
-    if not np.all(np.isfinite(covariance)) or not np.all(error.residual_power <= most * found.error.residual_power):
+    flown_s = sum(one.samples * one.dt for one in bins.spectra)
+    misled = gusty and 2 * flown_s * growth(structure, found.model.values) > SURELY
+    if not np.all(np.isfinite(covariance)) or not np.all(np.isfinite(error.residual_power)):
+        return None
+    if not misled and np.any(error.residual_power > WORST * found.error.residual_power):
         return None
     bound = tuple(name for i, name in enumerate(structure.names) if name not in fixed and i not in free)
     if set(bound) - set(found.at_bound):
@@ -263,7 +265,7 @@ def _settled(
     model: Model, stacks: Sequence[Stack], rate_hz: float, fixed: Collection[str], gusty: bool
 ) -> tuple[Model, Noise, Equations] | None:
     """Gauss-Newton steps of parameters and noise together, halved where what is left grows."""
-    structure, free = model.structure, free_of(model, fixed)
+    begin, structure, free = model, model.structure, free_of(model, fixed)
     if not free:
         return None
     noise = Noise.of(output_error(model, stacks), stacks, rate_hz, gusty)
@@ -282,17 +284,17 @@ def _settled(
         size = np.sqrt(np.maximum(np.diag(curvature)[free], 0))
         reached = lower(model, noise, stacks, here, move, lags)
         if reached is None:
-            return (model, noise, here) if gusty and _at_rest(model) else None
+            return (model, noise, here) if gusty and _at_rest(begin, model) else None
         model, noise, here = reached
         if np.max(np.abs(move[free]) * size) < SHORT:
             return model, noise, here
     return None
 
 
-def _at_rest(model: Model) -> bool:
-    """Whether a mode neither grows nor fades."""
-    poles = np.linalg.eigvals(model.matrices.A)
-    return bool(np.any(np.abs(poles.real) < AT_REST))
+def _at_rest(begin: Model, there: Model) -> bool:
+    """Whether the search came from where a mode grew to where it neither grows nor fades, and can go no further."""
+    grew = growth(begin.structure, begin.values) > growth(there.structure, there.values)
+    return grew and bool(np.any(np.abs(np.linalg.eigvals(there.matrices.A).real) < AT_REST))
 
 
 def lower(

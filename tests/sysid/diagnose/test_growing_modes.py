@@ -41,7 +41,7 @@ def test_slow_motors_in_a_loop_are_told_from_what_feedback_makes(monkeypatch: py
     monkeypatch.setattr(growing_modes, "cost", lambda *_: 0.0)
     monkeypatch.setattr(growing_modes, "cost_slopes", lambda one, _, names: np.zeros(len(names)))
     monkeypatch.setattr(growing_modes, "SURELY", np.inf)  # nor is any fit looked at again,
-    monkeypatch.setattr(prediction_error, "growth", lambda *_: 0.0)  # or the noise's past found with them
+    monkeypatch.setattr(prediction_error, "growth", lambda *_: 0.0)  # nor the noise's past found with them
     monkeypatch.setattr(prediction_error, "growth_slopes", lambda structure, _: np.zeros(len(structure.names)))
     found = asked()
     assert found.winner is not None
