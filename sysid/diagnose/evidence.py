@@ -21,7 +21,6 @@ from sysid.diagnose.shown import Shown, as_loud_as_it_is, shown_by
 from sysid.errors import FitError
 from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
-from sysid.fit.growth import answered
 from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
@@ -163,8 +162,7 @@ class Candidate:
     def metric(self) -> Whitening:
         """White rows by the noise that it leaves: for `asked`, and for that of every other candidate."""
         if self.dataset.in_a_loop:
-            gusty = answered(self.model.structure, self.estimate.error)
-            return innovations(self.model, self.dataset.wider, self.asked.free, gusty)
+            return innovations(self.model, self.dataset.wider, self.asked.free)
         return noise_whitening(self.model, self.dataset.stacks, self._divided)
 
     @cached_property

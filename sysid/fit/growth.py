@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.fit.output_error import OutputError
-from sysid.model.structure import FloatArray, Structure, slowest_told
+from sysid.model.structure import FloatArray, Structure
 
 OWN_ERROR = 0.67
 """Correlation of what is left with the motion (`OutputError.with_motion`), from which on it is for the most part the
@@ -30,7 +30,7 @@ def answered(structure: Structure, error: OutputError) -> bool:
 
 
 def growth(structure: Structure, values: FloatArray) -> float:
-    """The sum of the real parts of growing modes, 1/s, those that count for `Model.stable`; infinite where there is no
+    """The sum of the real parts of growing modes, 1/s, the drift of a hover among them; infinite where there is no
     response."""
     return float(_growth(structure, values[None])[0])
 
@@ -54,5 +54,4 @@ def _growth(structure: Structure, values: FloatArray) -> FloatArray:
         A = structure.matrices(values).A
     known = np.all(np.isfinite(A), axis=(1, 2))
     poles = np.linalg.eigvals(np.where(known[:, None, None], A, 0.0))
-    grows = np.where(np.abs(poles) >= slowest_told(structure), np.maximum(poles.real, 0.0), 0.0)
-    return np.asarray(np.where(known, np.sum(grows, axis=-1), np.inf))
+    return np.asarray(np.where(known, np.sum(np.maximum(poles.real, 0.0), axis=-1), np.inf))

@@ -17,7 +17,6 @@ from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
-from sysid.fit.growth import growth
 from sysid.fit.output_error import output_error
 from sysid.fit.prediction_error import MEMORY_S, Equations, Noise, lower
 from sysid.fit.rows import orthonormal, rows
@@ -43,8 +42,6 @@ class Innovations(Whitening):
     """Of the noise's past."""
     model: Model
     """Where model and noise together predict best."""
-    gusty: bool
-    """Whether growing modes of it have their cost."""
 
     @property
     def seconds(self) -> float:
@@ -54,8 +51,7 @@ class Innovations(Whitening):
     @property
     def log_likelihood(self) -> float:
         """Of what its model leaves, but for what is the same of all on these bins: rows have unit variance."""
-        rows = float(sum(np.sum(np.log(np.abs(np.linalg.det(one)) ** 2)) for one in self.whitener))
-        return rows - self.seconds * growth(self.model.structure, self.model.values) if self.gusty else rows
+        return float(sum(np.sum(np.log(np.abs(np.linalg.det(one)) ** 2)) for one in self.whitener))
 
     def surprise(self, residual: FloatArray, J: FloatArray, commands: Sequence[str]) -> tuple[float, int]:
         """Of the residual (N,) what the commands of the last MEMORY_S explain, whatever the vehicle, less what the
@@ -67,26 +63,23 @@ class Innovations(Whitening):
         return float(np.sum((basis @ left) ** 2)), len(basis)
 
 
-def innovations(model: Model, on: Dataset, free: Sequence[str], gusty: bool = False) -> Innovations:
+def innovations(model: Model, on: Dataset, free: Sequence[str]) -> Innovations:
     """By the noise that a model leaves of runs whose bins reach beyond the band (`Dataset.wider`); its `free`
-    parameters go with the noise's numbers to where both predict best, growing modes at their cost where what it leaves
-    is `gusty` (`sysid.fit.growth.answered`)."""
+    parameters go with the noise's numbers to where both predict best."""
     rate_hz = 2 * on.band_hz[1]
-    model, noise = _told(model, on.stacks, rate_hz, [model.structure.names.index(name) for name in free], gusty)
+    model, noise = _told(model, on.stacks, rate_hz, [model.structure.names.index(name) for name in free])
     v = _left(model, noise, on.stacks)
     for _ in range(2):  # whose unit is that of what is left beside the past
         ends = [_ends(model, noise, group, some) for group, some in zip(on.stacks, v, strict=True)]
         white = [noise.weights(group) / group.scale for group in on.stacks]
-        made = Innovations(on.stacks, [one.transpose(2, 0, 1) for one in white], ends, rate_hz, model, gusty)
+        made = Innovations(on.stacks, [one.transpose(2, 0, 1) for one in white], ends, rate_hz, model)
         noise = replace(noise, root=_scaled(noise, made, v, len(free)))
     return made
 
 
-def _told(
-    model: Model, stacks: Sequence[Stack], rate_hz: float, free: Sequence[int], gusty: bool
-) -> tuple[Model, Noise]:
+def _told(model: Model, stacks: Sequence[Stack], rate_hz: float, free: Sequence[int]) -> tuple[Model, Noise]:
     """Noise and model after a few steps of both; the model stays where it does not have a slope to follow."""
-    noise = Noise.of(output_error(model, stacks), stacks, rate_hz, gusty)
+    noise = Noise.of(output_error(model, stacks), stacks, rate_hz)
     low, high = model.structure.bounds
     movable = np.isin(np.arange(model.values.size), free)
     try:

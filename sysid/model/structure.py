@@ -310,12 +310,8 @@ class Model:
         With attitude states their integrals, and the drift below `DRIFT_RAD_S`, do not count.
         """
         poles = np.linalg.eigvals(self.matrices.A)
-        return not np.any((poles.real >= -1e-9) & (np.abs(poles) >= slowest_told(self.structure)))
-
-
-def slowest_told(structure: Structure) -> float:
-    """Below which a root is the hover's drift and does not count as growing, rad/s; 0 without attitude states."""
-    return DRIFT_RAD_S if structure.attitude_states else 0.0
+        drift = DRIFT_RAD_S if self.structure.attitude_states else 0.0
+        return not np.any((poles.real >= -1e-9) & (np.abs(poles) >= drift))
 
 
 def modes(A: AnyArray) -> tuple[Mode, ...]:

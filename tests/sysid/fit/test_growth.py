@@ -72,14 +72,6 @@ def test_without_a_response_it_is_infinite_and_has_no_slope() -> None:
     np.testing.assert_array_equal(growth_slopes(late, values), 0.0)
 
 
-def test_a_hover_s_drift_does_not_count_as_growing() -> None:
-    """As `Model.stable` has it: no rate shows it, and the pilot holds it."""
-    hover = compose("tpp", ["speed_stability"])
-    values = np.array([one.typical for one in hover.parameters])
-    assert np.max(np.linalg.eigvals(hover.matrices(values).A).real) > 0.2
-    assert growth(hover, values) == 0.0
-
-
 def test_what_is_the_model_s_own_error_grows_with_the_motion_and_gusts_do_not() -> None:
     t = 0.01 * np.arange(6000)
     rng = np.random.default_rng(5)
