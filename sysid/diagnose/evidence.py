@@ -30,6 +30,7 @@ from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
 from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
 WORST_SETTLING = 1.01
@@ -144,7 +145,7 @@ class Candidate:
         try:
             with np.errstate(all="ignore"):
                 return candidate(moved, self.held, self.dataset, self.added)
-        except np.linalg.LinAlgError:
+        except (np.linalg.LinAlgError, RelaxationError):
             return None
 
     @cached_property

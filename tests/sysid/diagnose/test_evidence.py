@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -21,6 +22,7 @@ from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP
+from sysid.model.structure import Model
 
 BAND = (0.0, 15.0)
 LINEAR = ("hub_gyroscopics", "angular_damping", "inertia_coupling", "servo_lag", "transport_delay", "gyro_misalignment")
@@ -139,3 +141,16 @@ def test_a_step_ends_at_a_bound_and_the_rest_follows() -> None:
     H, move = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -0.5])
     assert evidence._within_bounds(one, H, H @ move) == pytest.approx([(H @ move)[0] / 2 + 0.1 / 2, -0.1])
     assert evidence._within_bounds(one, H, H @ -move) == pytest.approx(-move)
+
+
+def test_values_whose_motion_does_not_settle_are_no_candidate() -> None:
+    """A damping of the second power that drives: where it wins, motion has no end."""
+    (flight,) = fly_many(None, {}, seeds=[97], duration_s=5.0)
+    parent, _, _ = prepared(flight)
+    driven = compose("tpp", ["quadratic_damping"], parent.dataset.available)
+    nothing = driven.vector({**parent.model.by_name, "L_pp": 0.0, "M_qq": 0.0, "exponent": 2.0})
+    size = len(nothing)
+    found = replace(parent.estimate, model=Model(driven, nothing), covariance=np.zeros((size, size)))
+    one = candidate(found, (), parent.dataset, ["quadratic_damping"])
+    assert one.at(nothing) is not None
+    assert one.at(driven.vector({**one.model.by_name, "L_pp": 1e4, "M_qq": 1e4})) is None
