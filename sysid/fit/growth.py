@@ -16,7 +16,7 @@ from sysid.model.structure import FloatArray, Structure
 OWN_ERROR = 0.67
 """Correlation of what is left with the motion (`OutputError.with_motion`), from which on it is for the most part the
 model's own error, and of that the likelihood knows nothing. Of 70 strange vehicles it was 0.56 at most, of four that
-their loops misled 0.46 from any low edge; of a Crazyflie indoors, fitted with its motors' lag, 0.78 to 0.85."""
+their loops misled 0.54; of a Crazyflie indoors, fitted with its motors' lag, 0.78 to 0.85."""
 SURELY = 10.0
 """Chi squared that growing modes cost, from which on they are more than rounding, or chance."""
 STEP = 1e-6
