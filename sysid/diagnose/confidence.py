@@ -21,8 +21,8 @@ that five judgements had spent; 404 were right, 256 of 257 from a lead of 1.5 on
 EXCITED, NOT_EXCITED = 0.8, -1.0
 """Logit, beside that: where an excitation is logged 276 of 283 such names were right on 1,581 later strangers that two
 judgements had spent, and surer by 1.0 +- 0.4 than was said; without one 85 of 97, less sure by 1.2 +- 0.3, for what the
-catalogue does not have, and a second effect, pass for one more easily there. Of either four
-fifths are taken, for they are known no better."""
+catalogue does not have, and a second effect, pass for one more easily there. Of either four fifths are taken, for
+they are known no better."""
 UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.99
 """How often these verdicts were right there, where nothing speaks against them; of 671 strangers with a logged
 excitation that were called complete, and showed nothing, 670."""

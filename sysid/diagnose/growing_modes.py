@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.data.dataset import Bins, Dataset
 from sysid.fit.estimate import Estimate
-from sysid.fit.growth import SURELY, answered, growth, growth_slopes
+from sysid.fit.growth import answered, growth, growth_slopes, misled
 from sysid.fit.innovations import Innovations
 from sysid.fit.prediction_error import prediction_error
 from sysid.fit.whitening import Whitening
@@ -42,9 +42,6 @@ def _answered_s(one: Estimate, metric: Whitening) -> float:
 
 def likeliest(found: Estimate, on: Dataset, bins: Bins, fixed: Collection[str]) -> Estimate:
     """The estimate; in a loop, where its growing modes cost surely more than nothing, the one that foretells best."""
-    structure = found.model.structure
-    if not (on.in_a_loop and answered(structure, found.error)):
+    if not (on.in_a_loop and misled(found.model, found.error, bins)):
         return found
-    seconds = sum(one.samples * one.dt for one in bins.spectra)
-    costly = 2 * seconds * growth(structure, found.model.values) > SURELY
-    return (prediction_error(found, bins, fixed) if costly else None) or found
+    return prediction_error(found, bins, fixed) or found

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from sysid.data.dataset import Bins
 from sysid.fit.output_error import OutputError
-from sysid.model.structure import FloatArray, Structure
+from sysid.model.structure import FloatArray, Model, Structure
 
 OWN_ERROR = 0.67
 """Correlation of what is left with the motion (`OutputError.with_motion`), from which on it is for the most part the
@@ -27,6 +28,15 @@ def answered(structure: Structure, error: OutputError) -> bool:
     """Whether growing modes may be the loop's answers to what is left. Not of a bare base: where that grows it lacks
     something, which no likelihood mends. Nor where motion is not linear, of which Bode's integral does not hold."""
     return bool(structure.composed) and structure.linear and error.with_motion < OWN_ERROR
+
+
+def misled(model: Model, error: OutputError, bins: Bins) -> bool:
+    """Whether the loop may have made the growing modes of a fit to these bins, and their cost is surely more than
+    nothing."""
+    if not answered(model.structure, error):
+        return False
+    seconds = sum(one.samples * one.dt for one in bins.spectra)
+    return 2 * seconds * growth(model.structure, model.values) > SURELY
 
 
 def growth(structure: Structure, values: FloatArray) -> float:

@@ -24,7 +24,7 @@ from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, free_of
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
-from sysid.fit.growth import SURELY, answered, growth, growth_slopes
+from sysid.fit.growth import answered, growth, growth_slopes, misled
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.rows import orthonormal, rows, smooth
 from sysid.fit.whitening import jumps
@@ -234,11 +234,10 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     except (RelaxationError, FitError, np.linalg.LinAlgError):
         return None
     error = output_error(model, bins.stacks)
-    flown_s = sum(one.samples * one.dt for one in bins.spectra)
-    misled = gusty and 2 * flown_s * growth(structure, found.model.values) > SURELY
     if not np.all(np.isfinite(covariance)) or not np.all(np.isfinite(error.residual_power)):
         return None
-    if not misled and np.any(error.residual_power > WORST * found.error.residual_power):
+    worse = bool(np.any(error.residual_power > WORST * found.error.residual_power))
+    if worse and not misled(found.model, found.error, bins):
         return None
     bound = tuple(name for i, name in enumerate(structure.names) if name not in fixed and i not in free)
     if set(bound) - set(found.at_bound):
