@@ -1,12 +1,14 @@
 """A low-pass filter of second order on both gyros, and the notches that a log tells of.
 
-What the log tells of the autopilot's own filter is applied and not fitted: then the entry has no parameters. Corner and
-notches come by names of `sysid.data.gyro_settings` among the constants. A filter of first order is `gyro_lag`.
+What the log tells of the autopilot's own filter is applied and not fitted: then the entry has no parameters, and no
+low-pass where notches alone are told of; one beside them would be `servo_second_order`, whose equations are the same.
+Corner and notches come by names of `sysid.data.gyro_settings` among the constants. A filter of first order is
+`gyro_lag`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from math import inf, pi
@@ -27,22 +29,31 @@ def adapt(around: Surroundings) -> Effect:
 
 @cache
 def _of(corner: bool, notches: tuple[int, ...]) -> Effect:
-    """Parameters stay where a notch is told of and no low-pass: the log leaves that open."""
     return replace(
         EFFECT,
         title=AS_LOGGED,
-        parameters=() if corner else EFFECT.parameters,
-        equations=_equations(corner, notches),
-        states=_states(notches),
+        parameters=(),
+        equations=_equations(_logged_corner if corner else None, notches),
+        states=_states(corner, notches),
     )
 
 
-def _equations(corner: bool, notches: tuple[int, ...]) -> Equations:
+def _logged_corner(s: Signals) -> tuple[Any, float]:
+    return getattr(s, CORNER), BUTTERWORTH
+
+
+def _fitted_corner(s: Signals) -> tuple[Any, Any]:
+    return s.corner, s.zeta
+
+
+def _equations(low: Callable[[Signals], tuple[Any, Any]] | None, notches: tuple[int, ...]) -> Equations:
+    """`low` gives corner and damping ratio of the low-pass, if there is one."""
+
     def equations(s: Signals) -> Mapping[str, Any]:
-        low = (getattr(s, CORNER), BUTTERWORTH) if corner else (s.corner, s.zeta)
         changes: dict[str, Any] = {}
         for axis, rate in (("p", s.p_m), ("q", s.q_m)):
-            rate = _low_pass(s, changes, axis, rate, low)
+            if low is not None:
+                rate = _low_pass(s, changes, axis, rate, low(s))
             for number in notches:
                 rate = _notch(s, changes, axis, rate, number)
             changes[f"{axis}_m"] = rate
@@ -51,8 +62,8 @@ def _equations(corner: bool, notches: tuple[int, ...]) -> Equations:
     return equations
 
 
-def _states(notches: tuple[int, ...]) -> tuple[str, ...]:
-    words = ("low", *(f"notch{number}" for number in notches))
+def _states(low: bool, notches: tuple[int, ...]) -> tuple[str, ...]:
+    words = (*(("low",) if low else ()), *(f"notch{number}" for number in notches))
     return tuple(f"{word}_{axis}{rate}" for axis in ("p", "q") for word in words for rate in ("", "_rate"))
 
 
@@ -107,8 +118,8 @@ EFFECT = Effect(
     same_as=("servo_second_order",),
     stage=Stage.MEASUREMENT,
     order=2,
-    equations=_equations(False, ()),
-    states=_states(()),
+    equations=_equations(_fitted_corner, ()),
+    states=_states(True, ()),
     adapt=adapt,
     null_tolerance=1e-6,
 )

@@ -7,11 +7,12 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.data.stacks import FEWEST_BINS, Stack
+from sysid.data.stacks import FEWEST_BINS, Stack, stack
 from sysid.errors import FitError
 from sysid.fit.gauss_newton import gauss_newton_step, minimise, normal_equations
 from sysid.fit.output_error import axis_weights, output_error
@@ -21,7 +22,7 @@ from sysid.model.acting import behind, divided, jumping, linear_dynamics
 from sysid.model.effect import Effect
 from sysid.model.polynomial import closed_form
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Model, Structure
+from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
 TRIAL_STEPS = 3
 LARGEST_SEARCH = 24
@@ -74,7 +75,7 @@ def grow(
     if found is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
     for name in rough:
-        found = search_nonsmooth(found, name, ranges[name], valleys.acted, valleys.tried)
+        found = search_nonsmooth(found, name, ranges[name], valleys.acted, valleys.tried, valleys.glanced)
     return minimise(found, stacks, valleys.power, [*fixed, *rough], spectral=spectral)[0]
 
 
@@ -158,6 +159,20 @@ class _Valleys:
         whole = Model(self.structure, self.structure.vector({**values, **rest.named(model.values)}))
         return (cost if np.isfinite(cost) and not self._idle(groups) else np.inf), whole
 
+    def glanced(self, begin: Mapping[str, float]) -> float:
+        """The cost that one step of what follows would reach on few segments, what acts on samples as it begins."""
+        values = {**self.known, **begin}
+        groups = [behind(self.structure, self.structure.vector(values), group) for group in self._busiest]
+        return self._after_a_step(self.rest, values, groups, axis_weights(groups, self.power))
+
+    @cached_property
+    def _busiest(self) -> list[Stack]:
+        """Of each command the segment in which it moves most."""
+        segments = [one for group in self.stacks for one in group.spectra]
+        moved = np.array([np.linalg.norm(one.U, axis=1) / one.samples**0.5 for one in segments])
+        commands = len(self.structure.base_.commands)
+        return stack([segments[number] for number in sorted(set(np.argmax(moved[:, :commands], axis=0).tolist()))])
+
     def _idle(self, groups: Sequence[Stack]) -> bool:
         """Whether no sample is touched: there is no derivative then either, and nothing to begin at."""
         commands = len(self.structure.base_.commands)
@@ -206,14 +221,18 @@ class _Valleys:
 
     def promised(self, begin: Mapping[str, float]) -> float:
         """The cost that one step from there would reach if the response were linear in the parameters."""
+        weights = axis_weights(self.few, self.power) if self.spectral is None else self.spectral
+        return self._after_a_step(self.structure, {**self.known, **begin}, self.few, weights)
+
+    def _after_a_step(
+        self, structure: Structure, values: Mapping[str, float], groups: Sequence[Stack], weights: Sequence[AnyArray]
+    ) -> float:
         try:
-            values = self.structure.vector({**self.known, **begin})
             with np.errstate(all="ignore"):
-                weights = axis_weights(self.few, self.power) if self.spectral is None else self.spectral
-                here = normal_equations(self.structure, values, self.few, weights, True)
+                here = normal_equations(structure, structure.vector(values), groups, weights, True)
         except (RelaxationError, np.linalg.LinAlgError):
             return np.inf
-        free = np.array([name not in self.fixed for name in self.structure.names])
+        free = np.array([name not in self.fixed for name in structure.names])
         cost = float(here.cost - here.gradient @ gauss_newton_step(here, free))
         return cost if np.isfinite(cost) else np.inf
 

@@ -66,7 +66,11 @@ def test_what_is_told_is_applied_without_parameters() -> None:
     np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), rtol=1e-9)
 
 
-def test_a_notch_alone_leaves_the_low_pass_open() -> None:
-    structure = compose("cd", ["gyro_filter"], (), told_filters([logged(notch())]))
-    assert structure.names[-2:] == ("corner", "zeta")
+def test_a_notch_told_of_alone_is_applied_and_no_low_pass_is_guessed_beside_it() -> None:
+    structure, bare = compose("cd", ["gyro_filter"], (), told_filters([logged(notch())])), compose("cd")
+    assert structure.names == bare.names
     assert structure == compose("cd", structure.composed, (), dict(structure.constants))
+    values = np.array([one.typical for one in bare.parameters])
+    found = abs(transfer(structure, values, HZ) / transfer(bare, values, HZ))
+    assert np.all(found[:, :, 0] > 0.99)
+    assert np.all(found[:, :, HZ == 27.5] < 0.02)

@@ -8,6 +8,8 @@ from __future__ import annotations
 import pytest
 from planted import FORWARD, PLANTED, TABLE_4, fly
 from planted_fits import READ_FROM_THE_BASE, fitted, in_standard_errors, records
+from strangers.asking import records as logged
+from study_findings import FIRST_SEED, Setting, flown
 
 from sysid.fit.identify import identify
 from sysid.model.compose import compose
@@ -40,6 +42,13 @@ def test_a_planted_effect_comes_back(effect: str) -> None:
 def test_a_dead_band_is_found_between_the_points_of_its_grid(width: float) -> None:
     fit = fitted("servo_deadband", fly("servo_deadband", {"width": width}, seed=7, duration_s=SECONDS))
     assert fit.model["width"] == pytest.approx(width, rel=2e-3)
+
+
+def test_a_dead_band_is_found_whose_cleft_is_half_a_hundredth_of_its_width() -> None:
+    """Two hundredths from point to point passed it over, and play was named for it."""
+    runs = logged(flown(Setting(seconds=12.0), FIRST_SEED + 1, "servo_deadband", {"width": 0.03}))
+    fit = identify(compose("tpp"), runs, effects=["servo_deadband"])
+    assert fit.model["width"] == pytest.approx(0.03, rel=1e-3)
 
 
 def test_what_is_held_is_held_while_the_rest_is_fitted() -> None:
