@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from statistics import NormalDist
 from typing import Any
 
@@ -31,7 +30,7 @@ from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import SURELY
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Model, Structure
+from sysid.model.structure import FloatArray, Structure
 
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
@@ -61,8 +60,6 @@ class Ranked:
     """Whether that is because the airframe cannot have it, or because it is of more than the one axis of the base."""
     fit: Candidate | None = None
     stepped: Stepped | None = None
-    whitening: Whitening | None = None
-    """In whose rows it was compared."""
     chi_squared: float = 0.0
     """How much likelier than the parent it makes the fitted runs."""
     added: int = 0
@@ -94,14 +91,8 @@ class Ranked:
     def values(self) -> dict[str, float]:
         """Its parameters: refitted, else one step from the parent, else none."""
         if self.fit is not None:
-            return {name: self._told[0][name] for name in self.names}
+            return {name: self.fit.told[0][name] for name in self.names}
         return {} if self.score is None else dict(self.score.at)
-
-    @cached_property
-    def _told(self) -> tuple[Model, dict[str, float]]:
-        """The refit's numbers and standard errors, as noise has them that all are compared by: its own takes longer."""
-        assert self.fit is not None
-        return self.fit.told_in(self.whitening)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -121,7 +112,7 @@ class Ranked:
         """Of `values`, where the refit gives any."""
         if self.fit is None:
             return {} if self.score is None else dict(self.score.errors)
-        errors = self._told[1]
+        errors = self.fit.told[1]
         return {name: errors[name] for name in self.values if errors[name] > 0}
 
     def to_json(self) -> dict[str, Any]:
@@ -310,7 +301,6 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     return replace(
         one,
         stepped=own,
-        whitening=reference.whitening,
         chi_squared=likelier,
         added=len(one.fit.J[0]) - len(parent.J[0]),
         rows=reference.stepped.residual.size,

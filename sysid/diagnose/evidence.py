@@ -148,14 +148,14 @@ class Candidate:
         except (np.linalg.LinAlgError, RelaxationError):
             return None
 
-    def told_in(self, metric: Whitening | None) -> tuple[Model, dict[str, float]]:
+    @cached_property
+    def told(self) -> tuple[Model, dict[str, float]]:
         """The numbers to tell of it and their standard errors, 0 of those held or at a bound: as fitted where the
-        excitation keeps feedback out, else those that foretell best what is new in this metric, or in its own."""
+        excitation keeps feedback out, else those that foretell best what is new."""
         if not self.dataset.in_a_loop:
             return self.model, self.standard_errors
-        metric = metric or self.metric
-        there = self.asked_in(metric)
-        variances = np.diag(covariance(there, metric))
+        there = self.asked_in(self.metric)
+        variances = np.diag(covariance(there, self.metric))
         errors = np.sqrt(np.maximum(variances, 0.0))  # what is not determined comes out below 0 by rounding
         return there.model, dict(zip(there.model.structure.names, map(float, errors), strict=True))
 
