@@ -132,10 +132,10 @@ class _Valleys:
             ],
         )
 
-    def acted(self, begin: Mapping[str, float]) -> list[Stack]:
-        """The stacks with the commands as they act at this beginning."""
+    def acted(self, begin: Mapping[str, float], stacks: Sequence[Stack] | None = None) -> list[Stack]:
+        """The stacks, or these of their segments, with the commands as they act at this beginning."""
         values = self.structure.vector({**self.known, **begin})
-        return [behind(self.structure, values, group) for group in self.stacks]
+        return [behind(self.structure, values, group) for group in (self.stacks if stacks is None else stacks)]
 
     def tried(self, begin: Mapping[str, float], groups: Sequence[Stack] | None = None) -> Trial:
         """What acts on samples stays as it begins, simulated once; the rest is fitted in a few steps."""
@@ -161,9 +161,8 @@ class _Valleys:
 
     def glanced(self, begin: Mapping[str, float]) -> float:
         """The cost that one step of what follows would reach on few segments, what acts on samples as it begins."""
-        values = {**self.known, **begin}
-        groups = [behind(self.structure, self.structure.vector(values), group) for group in self._busiest]
-        return self._after_a_step(self.rest, values, groups, axis_weights(groups, self.power))
+        groups = self.acted(begin, self._busiest)
+        return self._after_a_step(self.rest, {**self.known, **begin}, groups, axis_weights(groups, self.power))
 
     @cached_property
     def _busiest(self) -> list[Stack]:
