@@ -52,7 +52,9 @@ PARAMETER_TRIES = 20
 """Ten seconds. Half of all questions, or their answers, are lost where 30 % are lost each way, and a flight asks some
 sixty: six tries were too few in four flights of ten, and these are in one of ten thousand."""
 TEXT_WAIT_S = 0.3
-"""How long after a refusal its reason, a text of its own, may still be under way."""
+"""How long after a refusal its reason, a text of its own, may still be under way: until something is heard that late."""
+SILENT_S = 1.0
+"""How long a vehicle that says nothing more after a refusal is listened to."""
 
 
 class ProcedureError(TippathError):
@@ -139,6 +141,7 @@ class _Conversation(Generic[T]):
         self._since = 0.0
         self._texts: list[str] = []
         self._refusal: str | None = None
+        self._refused_at = 0.0
         self._started = False
 
     def start(self, now: float) -> list[Send]:
@@ -150,6 +153,8 @@ class _Conversation(Generic[T]):
             self._encoding = event.encoding
         if not self._started or self.outcome is not None:
             return []
+        if self._refusal is not None and now >= self._refused_at + TEXT_WAIT_S:
+            self._next = now
         if isinstance(event, StatusText):
             self._texts.append(event.text)
             return []
@@ -176,8 +181,9 @@ class _Conversation(Generic[T]):
         return self._sends(attempt)
 
     def _refused(self, reason: str, now: float) -> None:
-        self._refusal = reason
-        self._next = now + TEXT_WAIT_S
+        # By what is heard, not by the clock alone: on a busy machine the text may lie there unread for longer.
+        self._refusal, self._refused_at = reason, now
+        self._next = now + SILENT_S
 
     def _unanswered(self, now: float) -> None:
         self.outcome = Failed(f"{self._about()}: no answer in {now - self._since:.1f} s", answered=False)

@@ -281,10 +281,30 @@ def test_a_refused_mode_waits_for_the_text_that_follows() -> None:
     mode.on_event(CommandAck(1, 1, command=176, result=4, target_system=254, target_component=190), 0.1)
     assert mode.poll(0.2) == []
     mode.on_event(StatusText(1, 1, 4, "No axis selected, SID_AXIS = 0"), 0.25)
+    mode.poll(0.3)
     assert mode.outcome is None
+    mode.on_event(Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=0, status=4), 0.5)
     mode.poll(0.5)
     assert isinstance(mode.outcome, Failed)
     assert mode.outcome.reason == "the vehicle refuses mode 25 (failed); it says: No axis selected, SID_AXIS = 0"
+
+
+def test_the_text_is_waited_for_until_it_was_read() -> None:
+    """A busy machine reads on 0.7 s after the refusal, and finds the text; a vehicle that falls silent has no more."""
+    refusal = CommandAck(1, 1, command=176, result=4, target_system=254, target_component=190)
+    late, silent = SetMode(25), SetMode(25)
+    for mode in (late, silent):
+        mode.start(0.0)
+        mode.on_event(refusal, 0.1)
+        mode.poll(0.8)
+        assert mode.outcome is None
+    late.on_event(StatusText(1, 1, 4, "No axis selected, SID_AXIS = 0"), 0.8)
+    late.poll(0.8)
+    silent.poll(1.1)
+    assert isinstance(late.outcome, Failed)
+    assert late.outcome.reason.endswith("it says: No axis selected, SID_AXIS = 0")
+    assert isinstance(silent.outcome, Failed)
+    assert silent.outcome.reason == "the vehicle refuses mode 25 (failed)"
 
 
 def test_a_mode_whose_acknowledgement_is_lost_is_believed_to_heartbeats() -> None:
