@@ -8,19 +8,14 @@ the distance falls at a constant rate, so that a sample's end and mean are exact
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import inf
+from math import copysign, inf, sqrt
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
 from sysid.data.record import FloatArray
+from sysid.model.compiled import Compiled
 from sysid.model.effect import Effect, Stage, Words
 from sysid.model.parameter import Parameter
-
-STEPS = 100
-"""Of Newton, at most; some eight are usual."""
-SETTLED = 1e-7
-"""Of full command, that a step changed; what is left is about the square of it."""
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
@@ -28,38 +23,23 @@ def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) ->
     acceleration = parameters["acceleration"]
     if acceleration == inf:
         return commands
-    slower = np.sqrt(0.5 * acceleration)  # of the root of a distance, in a second
-    found = commands.copy()
-    for row, command in zip(found, commands, strict=True):
-        before = _distances(np.diff(command, prepend=command[0]), slower * dt)
-        root = np.sqrt(np.abs(before))
-        left = np.maximum(root - slower * dt, 0.0)
-        row -= np.sign(before) * (root**3 - left**3) / (3 * slower * dt)
-    return found
+    acting = np.empty_like(commands)
+    for row, command in zip(acting, commands, strict=True):
+        _approach(command, row, sqrt(0.5 * acceleration) * dt)
+    return acting
 
 
-def _distances(steps: FloatArray, slower: float) -> FloatArray:
-    """From command to servo at the beginning of each sample (n,), behind commands that step so, (n,).
-
-    What is left of one sample's distance and the next step make the next: solved for all samples at once, by Newton.
-    """
-    band = np.ones((2, steps.size))
-    found = steps.copy()
-    for _ in range(STEPS):
-        root = np.sqrt(np.abs(found))
-        left = np.maximum(root - slower, 0.0)
-        slope = left / np.maximum(root, 1e-300)
-        rest = np.sign(found) * left**2 - slope * found
-        band[1] = -slope
-        wanted = steps.copy()
-        wanted[1:] += rest[:-1]
-        moved, info = dtbtrs(band, wanted[:, None], uplo="L", diag="U")
-        assert info == 0
-        change = float(np.max(np.abs(moved[:, 0] - found)))
-        found = moved[:, 0]
-        if change < SETTLED:
-            break
-    return found
+@Compiled
+def _approach(command: FloatArray, acting: FloatArray, slower: float) -> None:
+    """`slower`: the root of the distance falls by it in a sample."""
+    rest, before = 0.0, command[0]
+    for k in range(len(command)):
+        distance = rest + command[k] - before
+        root = sqrt(abs(distance))
+        left = max(root - slower, 0.0)
+        rest = copysign(left * left, distance)
+        acting[k] = command[k] - copysign((root**3 - left**3) / (3 * slower), distance)
+        before = command[k]
 
 
 EFFECT = Effect(

@@ -8,26 +8,25 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.record import FloatArray
+from sysid.model.compiled import Compiled
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
-    """Commands (c, n) -> positions (c, n) that follow with play; begins in the middle of it.
+    """Commands (c, n) -> positions (c, n) that follow with play; begins in the middle of it."""
+    acting = np.empty_like(commands)
+    for row, command in zip(acting, commands, strict=True):
+        _push(command, row, parameters["half_width"])
+    return acting
 
-    Every sample clips the position before it, and one clip after another is a clip again. So the clips of 2, 4, 8, ...
-    samples come from those of half as many, all at once; the first sample holds whatever was before it.
-    """
-    low, high = commands - parameters["half_width"], commands + parameters["half_width"]
-    low[:, 0] = high[:, 0] = commands[:, 0]
-    reach = 1
-    while reach < commands.shape[1]:
-        lowest, highest = low[:, reach:], high[:, reach:]
-        low[:, reach:], high[:, reach:] = (
-            np.minimum(np.maximum(before, lowest), highest) for before in (low[:, :-reach], high[:, :-reach])
-        )
-        reach *= 2
-    return low
+
+@Compiled
+def _push(command: FloatArray, acting: FloatArray, half_width: float) -> None:
+    at = command[0]
+    for k in range(len(command)):
+        at = min(max(at, command[k] - half_width), command[k] + half_width)
+        acting[k] = at
 
 
 EFFECT = Effect(

@@ -8,36 +8,26 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.record import FloatArray
+from sysid.model.compiled import Compiled
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
-
-BLOCK = 16
-"""Samples that are passed over together where none of them moves the servo."""
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """Commands (c, n) -> positions (c, n); the first command is taken."""
-    width = parameters["width"]
     acting = np.empty_like(commands)
-    for row, command in enumerate(commands):
-        moved = np.array(_moved(command, width))
-        acting[row] = np.repeat(command[moved], np.diff(moved, append=command.size))
+    for row, command in zip(acting, commands, strict=True):
+        _hold(command, row, parameters["width"])
     return acting
 
 
-def _moved(command: FloatArray, width: float) -> list[int]:
-    """Numbers of the samples (n,) that the servo moved to, the first among them."""
-    begins = range(0, command.size, BLOCK)
-    lowest, highest = (bound.reduceat(command, begins).tolist() for bound in (np.minimum, np.maximum))
-    targets, held, moved = command.tolist(), command[0].item(), [0]
-    for begin, low, high in zip(begins, lowest, highest, strict=True):
-        if -width <= low - held and high - held <= width:
-            continue
-        for number, target in enumerate(targets[begin : begin + BLOCK], begin):
-            if not -width <= target - held <= width:
-                held = target
-                moved.append(number)
-    return moved
+@Compiled
+def _hold(command: FloatArray, acting: FloatArray, width: float) -> None:
+    held = command[0]
+    for k in range(len(command)):
+        if not -width <= command[k] - held <= width:
+            held = command[k]
+        acting[k] = held
 
 
 EFFECT = Effect(

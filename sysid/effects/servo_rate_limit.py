@@ -6,43 +6,32 @@ that ramp over the sample, which a held command of the same size equals to first
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import inf
 
 import numpy as np
 
 from sysid.data.record import FloatArray
+from sysid.model.compiled import Compiled
 from sysid.model.effect import Effect, Stage, Words
 from sysid.model.parameter import Parameter
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """Commands (c, n) -> mean servo positions (c, n) over each sample of dt seconds. Starts without lag."""
-    step = parameters["rate"] * dt
-    position = commands.copy()  # at the end of each sample
-    too_fast = np.abs(np.diff(position, axis=1)) > step
-    for row, some in zip(position, too_fast, strict=True):
-        _follow(memoryview(row), (np.flatnonzero(some) + 1).tolist(), step)
-    moved = np.diff(position, axis=1, prepend=position[:, :1])
-    return np.asarray(position - 0.5 / step * moved * np.abs(moved))
+    acting = np.empty_like(commands)
+    for row, command in zip(acting, commands, strict=True):
+        _follow(command, row, parameters["rate"] * dt)
+    return acting
 
 
-def _follow(command: memoryview[float], left_behind: Sequence[int], step: float) -> None:
-    """Put positions at the end of each sample in the commands' place; `left_behind`: samples that change by more."""
-    caught_up = 0
-    for first in left_behind:
-        if first <= caught_up:
-            continue
-        at = command[first - 1]
-        for caught_up in range(first, len(command)):
-            gap = command[caught_up] - at
-            if gap > step:
-                at += step
-            elif gap < -step:
-                at -= step
-            else:
-                break
-            command[caught_up] = at
+@Compiled
+def _follow(command: FloatArray, acting: FloatArray, step: float) -> None:
+    at = command[0]
+    for k in range(len(command)):
+        before = at
+        at = min(max(command[k], before - step), before + step)
+        acting[k] = at - 0.5 / step * (at - before) * abs(at - before)
 
 
 EFFECT = Effect(

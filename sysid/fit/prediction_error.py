@@ -87,8 +87,8 @@ class Noise:
 
     def late(self, group: Stack) -> ComplexArray:
         """exp(-j omega m) of each lag, (n, bins)."""
-        m = np.arange(1, len(self.lags) + 1)
-        return np.asarray(np.exp(-2j * np.pi * np.outer(m, group.frequency_hz) / self.rate_hz))
+        one = np.exp(-2j * np.pi * group.frequency_hz / self.rate_hz)
+        return np.asarray(np.multiply.accumulate(np.broadcast_to(one, (len(self.lags), one.size)), axis=0))
 
     def weights(self, group: Stack) -> ComplexArray:
         """What makes a stack's residual white, (k, k, bins)."""

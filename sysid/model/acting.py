@@ -11,11 +11,12 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.signal import lfilter
 
 from sysid.data.preprocess import ComplexArray, Segment, Spectrum
 from sysid.data.stacks import Stack
 from sysid.model.effect import Effect, Signals
-from sysid.model.structure import FloatArray, Structure, discretise, recursion
+from sysid.model.structure import FloatArray, Structure, discretise
 
 STEP = 1e-3
 """Of a parameter, for differences."""
@@ -200,11 +201,11 @@ def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mappi
     said = effect.equations(Signals(signals))
     rows = np.stack([said[f"{state}_dot"] for state in effect.states])
     A, B = discretise(rows[:, :-1], rows[:, -1:], dt)
-    C = np.asarray(said["delta"])[None, :-1]
+    C, one = np.asarray(said["delta"])[:-1], np.eye(len(A))
+    above, below, adjoint = [], [1.0], one  # of the transfer function, by Faddeev and LeVerrier
+    for k in range(len(A)):
+        above.append((C @ adjoint @ B).item())
+        below.append(-float(np.trace(A @ adjoint)) / (k + 1))
+        adjoint = A @ adjoint + below[-1] * one
     first = commands[:, :1]
-    moving = (commands - first)[:, None]
-    state = recursion(A, B @ moving)
-    before = np.concatenate([np.zeros_like(state[..., :1]), state[..., :-1]], axis=2)
-    answer = (C @ before)[:, 0] + first
-    following = np.concatenate([answer[:, 1:], answer[:, -1:]], axis=1)
-    return np.asarray(0.5 * (answer + following))
+    return np.asarray(lfilter(np.convolve(above, [0.5, 0.5]), below, commands - first) + first)

@@ -1,0 +1,48 @@
+"""Loops over samples, compiled where numba is there: what a sample does depends on the one before.
+
+Numba takes longer to import (0.4 s) than most commands to answer, so the first loop that runs asks for it. What it
+compiled it keeps beside the file, or in the user's cache folder. Where that is damaged or full it is compiled anew;
+without numba, or with one that does not know the NumPy at hand, the same loop runs as it is written, some thirty times
+slower.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cached_property
+
+import numpy as np
+
+
+class Compiled:
+    """A loop over arrays of one dimension and numbers, which writes its answer into one of the arrays."""
+
+    def __init__(self, loop: Callable[..., None]) -> None:
+        self.loop = loop
+
+    def __call__(self, *given: object) -> None:
+        while True:
+            try:
+                return self._ways[0](*given)
+            except Exception:  # of the compiler or its cache; of the loop itself, where it runs as written
+                if len(self._ways) == 1:
+                    raise
+                del self._ways[0]
+
+    @cached_property
+    def _ways(self) -> list[Callable[..., None]]:
+        """The best first."""
+        try:
+            import numba
+        except ImportError:
+            return [self._written]
+        found: list[Callable[..., None]] = []
+        for kept in (True, False):
+            with suppress(RuntimeError):  # there is no folder to keep it in
+                found.append(numba.njit(cache=kept)(self.loop))
+        return [*found, self._written]
+
+    def _written(self, *given: object) -> None:
+        # a view's numbers are Python's own, and had in a third of the time
+        self.loop(*(one.data if isinstance(one, np.ndarray) else one for one in given))
