@@ -106,10 +106,44 @@ class _Block(NamedTuple):
     left: FloatArray
     """(1, ...): what is new."""
     slopes: FloatArray
-    """(parameters, ...), of the predicted output;"""
-    past: FloatArray
-    """(n k k, ...), of the noise that is foretold."""
+    """(parameters, ...), of the predicted output."""
+    past: _Past
+    basis: FloatArray
+    """(ends, ...), of the end states."""
     frequency_hz: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Past:
+    """Rows by the noise's numbers, of the noise that is foretold: each lag of each output, on every output by a column
+    of the root. Products with them are those with the lags, of which there are fewer and shorter ones."""
+
+    late: ComplexArray
+    """(n k, bins): each output's noise, each lag late."""
+    root: FloatArray
+    """(k, k)"""
+
+    def products(self, some: FloatArray) -> FloatArray:
+        """With rows (c, 2 k bins), (c, n k k)."""
+        k = len(self.root)
+        each = some.reshape(len(some) * k, -1) @ rows(self.late).T
+        # (row, output, lag, output that foretells) -> (row, lag, column of the root, output that foretells)
+        found = np.einsum("rolj,oi->rlij", each.reshape(len(some), k, -1, k), -self.root)
+        return np.asarray(found.reshape(len(some), -1))
+
+    @property
+    def among(self) -> FloatArray:
+        """With one another, (n k k, n k k)."""
+        k, late = len(self.root), rows(self.late)
+        each = (late @ late.T).reshape(len(late) // k, k, -1, k)
+        found = np.einsum("ljmn,ih->lijmhn", each, self.root.T @ self.root)
+        return np.asarray(found.reshape(k * len(late), -1))
+
+    def combined(self, by: FloatArray) -> FloatArray:
+        """Sums of them, (c, n k k) -> (c, 2 k bins)."""
+        k = len(self.root)
+        onto = np.einsum("rlij,oi->rolj", by.reshape(len(by), -1, k, k), -self.root)
+        return rows((onto.reshape(len(by) * k, -1) @ self.late).reshape(len(by), k, -1))
 
 
 def _blocks(model: Model, noise: Noise, stacks: Sequence[Stack]) -> Iterator[_Block]:
@@ -124,12 +158,9 @@ def _blocks(model: Model, noise: Noise, stacks: Sequence[Stack]) -> Iterator[_Bl
             found = _less(basis, rows(columns[..., part]))
             new = found[0].view(complex).reshape(k, -1, 1)
             v = np.linalg.solve(W[..., part].transpose(2, 0, 1), new.swapaxes(0, 1))[:, :, 0].T
-            # (lag, row of the lags, column, output, bins)
             foretold: ComplexArray = group.scale[part] * late[:, None, part] * v
-            past: ComplexArray = np.asarray(-noise.root.T[:, None, :, None] * foretold[:, None, :, None, :], complex)
-            yield _Block(
-                found[:1], found[1:], _less(basis, rows(past.reshape(-1, k, v.shape[1]))), group.frequency_hz[part]
-            )
+            past = _Past(foretold.reshape(-1, v.shape[1]), noise.root)
+            yield _Block(found[:1], found[1:], past, basis, group.frequency_hz[part])
 
 
 def _by(W: ComplexArray, columns: ComplexArray) -> ComplexArray:
@@ -158,22 +189,27 @@ class Equations:
 
     @classmethod
     def at(cls, model: Model, noise: Noise, stacks: Sequence[Stack]) -> Equations:
-        size, k = model.values.size + noise.lags.size, noise.root.shape[0]
-        curvature, gradient, white, samples = np.zeros((size, size)), np.zeros(size), np.zeros((k, k)), 0
+        n, k = model.values.size, noise.root.shape[0]
+        curvature, gradient = np.zeros((n + noise.lags.size, n + noise.lags.size)), np.zeros(n + noise.lags.size)
+        white, samples = np.zeros((k, k)), 0
         for block in _blocks(model, noise, stacks):
-            whole = np.concatenate([block.slopes, block.past])
-            curvature += whole @ whole.T
-            gradient += whole @ block.left[0]
+            ends = block.past.products(block.basis)
+            curvature[:n, :n] += block.slopes @ block.slopes.T
+            curvature[:n, n:] += block.past.products(block.slopes)  # which have no end states any more
+            curvature[n:, n:] += block.past.among - ends.T @ ends
+            gradient[:n] += block.slopes @ block.left[0]
+            gradient[n:] += block.past.products(block.left)[0]
             each = block.left[0].reshape(k, -1)
             white += each @ each.T
             samples += each.shape[1]
+        curvature[n:, :n] = curvature[:n, n:].T
         grows = 0.0
         if noise.gusty:
             grows = growth(model.structure, model.values) / noise.rate_hz
-            gradient[: model.values.size] -= samples / noise.rate_hz * growth_slopes(model.structure, model.values)
+            gradient[:n] -= samples / noise.rate_hz * growth_slopes(model.structure, model.values)
         back = np.linalg.inv(noise.root)
         return cls(
-            count=model.values.size,
+            count=n,
             curvature=curvature,
             gradient=gradient,
             new=back @ white @ back.T,
@@ -324,7 +360,7 @@ def _covariance(
         raise FitError("the data do not determine the model")
     to_past, k, variance = equations.to_past[list(free)], noise.root.shape[0], np.zeros_like(curvature)
     for block in _blocks(model, noise, stacks):
-        asked = block.slopes[list(free)] - to_past @ block.past
+        asked = block.slopes[list(free)] - _less(block.basis, block.past.combined(to_past))
         e = block.left[0].view(complex).reshape(k, -1)
         cross = e[:, None] * e[None].conj()
         S = smooth(cross.reshape(k * k, -1).T, block.frequency_hz).T.reshape(cross.shape)

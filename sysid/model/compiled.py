@@ -1,7 +1,7 @@
 """Loops over samples, compiled where numba is there: what a sample does depends on the one before.
 
-Numba takes longer to import (0.4 s) than most commands to answer, so the first loop that runs asks for it. What it
-compiled it keeps beside the file, or in the user's cache folder. Where that is damaged or full it is compiled anew;
+Numba takes half a second to begin, longer than most commands to answer, so the first loop that runs asks for it. What
+it compiled it keeps beside the file, or in the user's cache folder. Where that is damaged or full it is compiled anew;
 without numba, or with one that does not know the NumPy at hand, the same loop runs as it is written, some thirty times
 slower.
 """
