@@ -52,7 +52,7 @@ PARAMETER_TRIES = 20
 """Ten seconds. Half of all questions, or their answers, are lost where 30 % are lost each way, and a flight asks some
 sixty: six tries were too few in four flights of ten, and these are in one of ten thousand."""
 TEXT_WAIT_S = 0.3
-"""How long after a refusal its reason, a text of its own, may still be under way: until something is heard that late."""
+"""How long after a refusal its reason, a text of its own, may still be under way; then what is heard next ends it."""
 SILENT_S = 1.0
 """How long a vehicle that says nothing more after a refusal is listened to."""
 
