@@ -22,8 +22,8 @@ def begun() -> Any:
     """A fit of one flight in a loop, the noise that it leaves, and the bins."""
     with controlled(2, 1):
         (flight,) = planted.fly_many(None, {}, seeds=[77], duration_s=8.0, gusts=2.0)
-    bins = prepared(records(flight, "excitation_x", "excitation_y", "excitation_e"), (0.0, 15.0))
-    bins = bins.viewed(TPP.inputs, TPP.outputs)
+    runs = prepared(records(flight, "excitation_x", "excitation_y", "excitation_e"), (0.0, 15.0))
+    bins = runs.viewed(TPP.inputs, TPP.outputs)
     model = estimate(TPP, bins).model
     return model, Noise.of(output_error(model, bins.stacks), bins.stacks, 30.0), bins.stacks
 
