@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import copysign, inf, sqrt
 
-import numpy as np
-
 from sysid.data.record import FloatArray
 from sysid.model.compiled import Compiled
 from sysid.model.effect import Effect, Stage, Words
@@ -23,10 +21,7 @@ def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) ->
     acceleration = parameters["acceleration"]
     if acceleration == inf:
         return commands
-    acting = np.empty_like(commands)
-    for row, command in zip(acting, commands, strict=True):
-        _approach(command, row, sqrt(0.5 * acceleration) * dt)
-    return acting
+    return _approach(commands, sqrt(0.5 * acceleration) * dt)
 
 
 @Compiled

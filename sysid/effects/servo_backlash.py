@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from sysid.data.airframe import Airframe
 from sysid.data.record import FloatArray
 from sysid.model.compiled import Compiled
@@ -15,10 +13,7 @@ from sysid.model.parameter import Parameter
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """Commands (c, n) -> positions (c, n) that follow with play; begins in the middle of it."""
-    acting = np.empty_like(commands)
-    for row, command in zip(acting, commands, strict=True):
-        _push(command, row, parameters["half_width"])
-    return acting
+    return _push(commands, parameters["half_width"])
 
 
 @Compiled

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf
 
-import numpy as np
-
 from sysid.data.record import FloatArray
 from sysid.model.compiled import Compiled
 from sysid.model.effect import Effect, Stage, Words
@@ -19,10 +17,7 @@ from sysid.model.parameter import Parameter
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """Commands (c, n) -> mean servo positions (c, n) over each sample of dt seconds. Starts without lag."""
-    acting = np.empty_like(commands)
-    for row, command in zip(acting, commands, strict=True):
-        _follow(command, row, parameters["rate"] * dt)
-    return acting
+    return _follow(commands, parameters["rate"] * dt)
 
 
 @Compiled

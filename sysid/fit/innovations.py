@@ -18,7 +18,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
 from sysid.fit.output_error import output_error
-from sysid.fit.prediction_error import MEMORY_S, Equations, Noise, lower
+from sysid.fit.prediction_error import MEMORY_S, Equations, Noise, lags_of, lower
 from sysid.fit.rows import orthonormal, rows
 from sysid.fit.whitening import Whitening, jumps, weighed
 from sysid.model.predict import respond
@@ -150,7 +150,6 @@ def _scaled(noise: Noise, made: Innovations, v: Sequence[ComplexArray], free: in
 def _past_commands(group: Stack, commands: Sequence[str], rate_hz: float) -> ComplexArray:
     """Each command of each of the last samples on each output, (columns, k, bins)."""
     k, u = len(group.Y), group.U[[group.inputs.index(name) for name in commands]]
-    m = np.arange(1, max(1, round(MEMORY_S * rate_hz)) + 1)
-    late = np.exp(-2j * np.pi * np.outer(m, group.frequency_hz) / rate_hz)
+    late = lags_of(group, max(1, round(MEMORY_S * rate_hz)), rate_hz)
     found = np.einsum("lf,cf,oi->lcoif", late, u, np.eye(k))
     return np.asarray(found.reshape(-1, k, u.shape[1]))

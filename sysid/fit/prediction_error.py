@@ -87,13 +87,18 @@ class Noise:
 
     def late(self, group: Stack) -> ComplexArray:
         """exp(-j omega m) of each lag, (n, bins)."""
-        one = np.exp(-2j * np.pi * group.frequency_hz / self.rate_hz)
-        return np.asarray(np.multiply.accumulate(np.broadcast_to(one, (len(self.lags), one.size)), axis=0))
+        return lags_of(group, len(self.lags), self.rate_hz)
 
     def weights(self, group: Stack) -> ComplexArray:
         """What makes a stack's residual white, (k, k, bins)."""
         A = np.eye(self.root.shape[0])[:, :, None] + np.tensordot(self.lags, self.late(group), (0, 0))
         return np.asarray(np.tensordot(self.root, A, (1, 0)) * group.scale)
+
+
+def lags_of(group: Stack, count: int, rate_hz: float) -> ComplexArray:
+    """exp(-j omega m) of each of the last samples at that rate, (count, bins)."""
+    one = np.exp(-2j * np.pi * group.frequency_hz / rate_hz)
+    return np.asarray(np.multiply.accumulate(np.broadcast_to(one, (count, one.size)), axis=0))
 
 
 def _root(new: FloatArray) -> FloatArray:

@@ -11,7 +11,6 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sysid.data.preprocess import ComplexArray, Segment, Spectrum
 from sysid.data.stacks import Stack
@@ -195,6 +194,9 @@ def _sampled(effect: Effect, commands: FloatArray, dt: float, parameters: Mappin
 
 def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """A servo's linear answer to held commands (c, n), steady before the first sample; the mean over each sample."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.signal import lfilter
+
     assert effect.equations is not None
     unit = np.eye(len(effect.states) + 1)
     signals = {**parameters, "delta": unit[-1], **{state: unit[i] for i, state in enumerate(effect.states)}}
@@ -205,7 +207,8 @@ def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mappi
     above, below, adjoint = [], [1.0], one  # of the transfer function, by Faddeev and LeVerrier
     for k in range(len(A)):
         above.append((C @ adjoint @ B).item())
-        below.append(-float(np.trace(A @ adjoint)) / (k + 1))
-        adjoint = A @ adjoint + below[-1] * one
+        adjoint = A @ adjoint
+        below.append(-float(np.trace(adjoint)) / (k + 1))
+        adjoint = adjoint + below[-1] * one
     first = commands[:, :1]
     return np.asarray(lfilter(np.convolve(above, [0.5, 0.5]), below, commands - first) + first)

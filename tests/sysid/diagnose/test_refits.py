@@ -13,7 +13,7 @@ from strangers.hiding import Hidden
 from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose import growing_modes, refits
+from sysid.diagnose import growing_modes, refits, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
 from sysid.diagnose.diagnose import diagnose
@@ -104,9 +104,11 @@ def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatc
     assert (found.verdict, found.reason, found.chain) == ("unexplained", "feedback", ())
     monkeypatch.setattr(growing_modes, "cost", lambda *_: 0.0)
     free = asked(untold)
-    assert free.chain == ("speed_stability",)
+    assert (free.verdict, free.reason, free.chain) == ("unexplained", "feedback", ("speed_stability",))
     assert free.winner is not None
     assert free.winner.outside
+    monkeypatch.setattr(verdict, "A_LOOP_MAKES", 0.0)
+    assert asked(untold).verdict == "missing"
 
 
 @pytest.mark.thorough

