@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -87,21 +88,24 @@ class Shares:
     most_explained: float
     """Chi squared, by any candidate;"""
     most_paid: float
-    """and by any, less what its parameters cost, or by the likeliest with what simple terms or a slow mode explain
-    beside it."""
+    """and by any, less what its parameters cost;"""
+    paid_with: float
+    """the same of the likeliest candidate with what simple terms or a slow mode explain beside it."""
+    likeliest: Candidate
+    """The structure itself where none is likelier."""
+    beside: Callable[[Candidate], float]
+    """Chi squared of what simple terms or a slow mode explain beside a candidate."""
 
     @classmethod
     def of(cls, candidates: Sequence[Ranked], significant: bool, reference: Reference) -> Shares:
         parent = reference.parent
         fits = [one for one in candidates if one.fit is not None]
         likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
-        if likeliest is not None and likeliest.delta_bic >= 0:
-            likeliest = None
-        best = parent if likeliest is None or likeliest.fit is None else likeliest.fit
+        paid = 0.0 if likeliest is None else max(0.0, -likeliest.delta_bic)
+        best = parent if likeliest is None or likeliest.fit is None or paid == 0 else likeliest.fit
         terms = reference.simple(best) if significant else None
-        mode = reference.mode(best) if significant and parent.division.measured else None
-        if mode is not None and mode.log_p >= SIGNIFICANT:
-            mode = None
+        mode = _sure_mode(best, reference) if significant else None
+        beside = partial(_beside, reference=reference) if significant else _nothing
         noise = noise_shares(best, terms) if significant else best.estimate.error.shares
         floor = dict(zip(parent.model.structure.outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
         return cls(
@@ -114,7 +118,10 @@ class Shares:
             validation=validation_of(fits, best, reference),
             new_share=_new_share(candidates, reference),
             most_explained=max((one.chi_squared for one in fits), default=0.0),
-            most_paid=max([_paid_with(terms, mode, likeliest, parent), *(-one.delta_bic for one in fits)]),
+            most_paid=max([0.0, *(-one.delta_bic for one in fits)]),
+            paid_with=paid + beside(best),
+            likeliest=best,
+            beside=beside,
         )
 
     def by_feedback(self, left: Division, chance: float) -> bool:
@@ -159,10 +166,14 @@ class Shares:
         return _steady(one.fit) and one.fit.division.measured and self._by_the_noise(one) >= self.least
 
     def outdone(self, one: Ranked) -> bool:
-        """Whether others, or simple terms, explain so much more at the same cost that it can only resemble what is
-        there: powers need not show that beside the noise."""
-        own = max(0.0, one.chi_squared)
-        return own < OF_MOST * (self.most_paid + one.delta_bic + one.chi_squared)
+        """Whether others, or simple terms beside the likeliest and beside itself, explain so much more at the same cost
+        that it can only resemble what is there: powers need not show that beside the noise."""
+        own, cost = max(0.0, one.chi_squared), one.delta_bic + one.chi_squared
+        if own < OF_MOST * (self.most_paid + cost):
+            return True
+        if own >= OF_MOST * (self.paid_with + cost):
+            return False
+        return one.fit is None or one.fit is self.likeliest or own < OF_MOST * (own + self.beside(one.fit))
 
     def short(self, one: Ranked) -> float:
         """How far it is from explaining all that can be explained, on fitted runs or, chance taken off, on validation
@@ -210,15 +221,24 @@ class Shares:
         return max(0.0, one.chi_squared) / max(self.most_explained, 1e-300)
 
 
-def _paid_with(terms: Selection | None, mode: SlowMode | None, likeliest: Ranked | None, parent: Candidate) -> float:
-    """Chi squared of the simple terms, or a slow mode, beside the likeliest candidate, and of that, less what its
-    parameters cost. How many there were to choose from is paid by their significance; in a loop they explain gusts,
-    too."""
-    own = 0.0 if likeliest is None else -likeliest.delta_bic
-    if not parent.division.measured:
-        return own
-    simple = 0.0 if terms is None else sum(one.chi_squared for one in terms.terms)
-    return own + max(simple, 0.0 if mode is None else mode.chi_squared)
+def _sure_mode(one: Candidate, reference: Reference) -> SlowMode | None:
+    """A slow mode beside a candidate, where it is surely no noise and no loop makes it."""
+    mode = reference.mode(one) if reference.parent.division.measured else None
+    return None if mode is None or mode.log_p >= SIGNIFICANT else mode
+
+
+def _beside(one: Candidate, reference: Reference) -> float:
+    """Chi squared of the simple terms, or a slow mode, beside a candidate. How many there were to choose from is paid
+    by their significance; in a loop they explain gusts, too."""
+    if not reference.parent.division.measured:
+        return 0.0
+    mode = _sure_mode(one, reference)
+    simple = sum(term.chi_squared for term in reference.simple(one).terms)
+    return max(simple, 0.0 if mode is None else mode.chi_squared)
+
+
+def _nothing(_: Candidate) -> float:
+    return 0.0
 
 
 def _new_share(candidates: Sequence[Ranked], reference: Reference) -> float:

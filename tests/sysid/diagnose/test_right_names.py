@@ -73,6 +73,8 @@ GOVERNOR_IN_A_LOOP = 4021538
 """A helicopter whose governor shows 1.9 times what is detectable, in gusts; no excitation is logged."""
 LATE_MOTORS_IN_GUSTS = 4008471
 """A quadrotor whose motors lag by 100 ms, in slow gusts that leave more than it moves."""
+TOLD_BY_ITS_SPEED = 4010633
+"""A helicopter that its speed turns; every second sample is logged."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -298,6 +300,24 @@ def test_a_mode_that_no_burst_makes_is_begun_where_it_explains_most(monkeypatch:
     most = promised()
     monkeypatch.setattr(score, "BEYOND_BURSTS", -math.inf)
     assert promised() < 0.1 * most
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("speed_stability", "stabiliser_bar")], indirect=True)
+def test_what_simple_terms_explain_beside_another_does_not_outdo_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bar of doubtful values is likelier by a hair, and leaves much to simple terms; speed leaves them nothing."""
+    found = asked(TOLD_BY_ITS_SPEED)
+    assert (found.verdict, found.effect) == ("missing", "speed_stability")
+    assert found.winner is not None
+    assert found.winner.values["M_u"] == pytest.approx(7.625, rel=0.05)
+    assert found.candidates[0].effect == "stabiliser_bar"
+
+    def beside_the_likeliest(these: Shares, one: candidates.Ranked) -> bool:
+        return one.chi_squared < shares.OF_MOST * (these.paid_with + one.delta_bic + one.chi_squared)
+
+    monkeypatch.setattr(Shares, "outdone", beside_the_likeliest)
+    assert asked(TOLD_BY_ITS_SPEED).verdict == "unexplained"
 
 
 PLAYS = ("servo_backlash", "servo_deadband")
