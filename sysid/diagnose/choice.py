@@ -27,6 +27,8 @@ band explained 0.74 of the validation runs, and play all.)"""
 INEXACT = 0.01
 """Of the chi squared of an implausible winner, by which a plausible one may be behind for the steps' sake alone: what
 predicts the same ended by so much apart in slow gusts."""
+SURELY = 2.0
+"""Times what chance may make of the validation runs."""
 AS_MUCH = 0.8
 """Of an effect's chi squared, that one which explains as much has at least."""
 
@@ -110,7 +112,7 @@ def _shows_plainly_more(one: Ranked, winner: Ranked) -> bool:
         return False
     if (one.explained_share or 0.0) < min(1.0, (winner.explained_share or 0.0) + PLAINLY_MORE):
         return False
-    if one.validation_share < winner.validation_share + PLAINLY_MORE:
+    if one.validation_share < winner.validation_share + max(PLAINLY_MORE, SURELY * winner.validation_slack):
         return False
     if one.implausible or one.delta_bic >= -EVIDENCE:
         return False

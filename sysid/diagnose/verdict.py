@@ -276,7 +276,8 @@ def _answer(
     among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    doubtful = len(chain) > 1 and _only_resembles(winner, named, of_chain(ratio, shares.short(winner), among))
+    told = of_chain(ratio, shares.short(winner), among, reference.parent.division.measured)
+    doubtful = len(chain) > 1 and _only_resembles(winner, named, told)
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",
@@ -310,11 +311,11 @@ def _told(
 ) -> float:
     """How sure a name is, or, where there is a `chance` of noise, that it is none."""
     short, single = shares.short(winner), len(winner.effects) == 1
+    excited = reference.parent.division.measured
+    chain = of_chain(ratio, short, among, excited)
     if chance is None:
-        excited = reference.parent.division.measured
-        named = of_single(ratio, shares.left(winner), among, excited) if single else of_chain(ratio, short, among)
-        return _named_sure(winner, named)
-    return _of_unexplained(winner, chance, (of_named if single else of_chain)(ratio, short, among), reference, shares)
+        return _named_sure(winner, of_single(ratio, shares.left(winner), among, excited) if single else chain)
+    return _of_unexplained(winner, chance, of_named(ratio, short, among) if single else chain, reference, shares)
 
 
 def _sure(winner: Ranked, confidence: float) -> float:

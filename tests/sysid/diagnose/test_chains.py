@@ -14,7 +14,7 @@ from planted_fits import records
 
 from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
-from sysid.diagnose import chains, shares, verdict
+from sysid.diagnose import chains, confidence, shares, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import price
 from sysid.diagnose.diagnose import _under, diagnose
@@ -64,6 +64,21 @@ def test_a_chain_that_is_more_likely_wrong_is_not_named(
     assert (found.verdict, found.effect) == ("unexplained", None)
     assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
     assert "more likely only resembles" in answer(found)
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_a_chain_is_told_by_whether_an_excitation_is_logged(
+    flight: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logged = asked(flight)
+    assert logged.verdict == "missing"
+    monkeypatch.setattr(confidence, "CHAIN_EXCITED", confidence.CHAIN_NOT_EXCITED)
+    assert asked(flight).confidence < logged.confidence
+    monkeypatch.setattr(confidence, "CHAIN_EXCITED", -10.0)
+    unsure = asked(flight)
+    assert (unsure.verdict, unsure.chain) == ("unexplained", logged.chain)
+    assert unsure.confidence <= 0.85
 
 
 @EFFECTS

@@ -14,10 +14,13 @@ import pytest
 from sysid.diagnose import candidates, choice, likely
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.confidence import (
+    CHAIN_RIGHT,
+    CHAIN_TOLD,
     COMPLETE_RIGHT,
     UNEXPLAINED_RIGHT,
     VETO_RIGHT,
     leaves_more,
+    of_chain,
     of_complete,
     of_named,
     of_single,
@@ -31,7 +34,8 @@ from sysid.model.relaxation import RelaxationError
 N = 40
 CHI_SQUARED = 1e4
 """Of the winner."""
-LOGGED = cast(Candidate, SimpleNamespace(division=SimpleNamespace(measured=True)))
+NOTHING_ON_SAMPLES = SimpleNamespace(structure=SimpleNamespace(composed=[]))
+LOGGED = cast(Candidate, SimpleNamespace(division=SimpleNamespace(measured=True), model=NOTHING_ON_SAMPLES))
 """A fit to runs whose excitation is logged."""
 
 
@@ -131,6 +135,16 @@ def test_where_no_excitation_is_logged_a_name_is_told_less_sure() -> None:
     lag = of(refitted("servo_lag"), [])
     assert of_single(0.5, 0.0, lag, excited=False) < 0.75 < 0.9 < of_single(0.5, 0.0, lag, excited=True)
     assert of_single(9.0, 0.0, lag, excited=False) > 0.99  # what is far ahead of all others stays sure
+
+
+def test_a_chain_is_told_surer_where_an_excitation_is_logged() -> None:
+    """A late one in a rotor that changes its speed, right and told 0.45 before, is named; an acceleration limit beside
+    it, for power that fades in a loop, told 0.55 before and wrong, no more."""
+    alone = of(refitted("servo_lag"), [])
+    for lead, named in ((1.4, (False, True)), (1.6, (False, True)), (0.9, (False, False)), (2.5, (True, True))):
+        told = [of_chain(lead, 0.0, alone, excited=excited) for excited in (False, True)]
+        assert (told[0] >= CHAIN_TOLD, told[1] >= CHAIN_TOLD) == named
+    assert of_chain(9.0, 0.0, alone, excited=True) <= CHAIN_RIGHT
 
 
 def test_a_name_that_explains_little_by_any_measure_is_told_less() -> None:
@@ -345,6 +359,10 @@ def test_powers_tell_play_from_a_dead_band() -> None:
     play, band = on("servo_backlash", (0.84, 0.64)), on("servo_deadband", (1.0, 0.95), 500.0)
     assert choice.winner([play, band], []) is band
     assert choice.winner([play, on("servo_deadband", (1.0, 0.7), 500.0)], []) is play, "not on validation runs"
+    band, play = on("servo_deadband", (1.0, 0.74)), on("servo_backlash", (1.0, 1.0), 23.5)
+    assert choice.winner([band, play], []) is play, "both explain all of the fitted runs"
+    assert choice.winner([replace(band, validation_slack=0.09), play], []) is play
+    assert choice.winner([replace(band, validation_slack=0.14), play], []) is not play, "by chance"
     loop = [on("servo_backlash", (0.84, 0.64), 0.0, False), on("servo_deadband", (1.0, 0.95), 500.0, False)]
     assert choice.winner(loop, []) is loop[0], "feedback makes powers, too"
 
