@@ -42,10 +42,10 @@ ROUGH = 1e-3
 def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) -> Model:
     """Nearly the optimum on these bins from the data alone, of a bare base.
 
-    It begins at the equation error, reweighted by its own last denominator; where that ends in a poor fit, and the
-    search is `thorough`, at others as well. A base without a matrix polynomial begins at its stable point without
-    coupling and at each point of its parameters' grids. Raises FitError where the commands hardly move, or move
-    together.
+    It begins at the equation error, reweighted by its own last denominator; where that ends in a poor fit, or an
+    unstable one, and the search is `thorough`, at others as well. A base without a matrix polynomial begins at its
+    stable point without coupling and at each point of its parameters' grids. Raises FitError where the commands hardly
+    move, or move together.
     """
     form = closed_form(structure)
     if form is None:
@@ -54,9 +54,9 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
     found = equations.first()
     first = min(found, key=lambda one: one.cost)
     best, left = minimise(first.model, stacks, first.power, tolerance=ROUGH)
-    if not thorough or np.all(left < POOR_SHARE * equations.measured_power):
+    if not thorough or (best.stable and np.all(left < POOR_SHARE * equations.measured_power)):
         return best
-    # a poor fit may be a poor valley
+    # a poor fit may be a poor valley, and so may one that runs away
     for slope in OTHER_SLOPES:
         found += equations.solutions(slope, 2 * REWEIGHTINGS)
     for one in sorted(found, key=lambda one: one.cost)[:MOST_BEGINNINGS]:

@@ -75,6 +75,8 @@ LATE_MOTORS_IN_GUSTS = 4008471
 """A quadrotor whose motors lag by 100 ms, in slow gusts that leave more than it moves."""
 TOLD_BY_ITS_SPEED = 4010633
 """A helicopter that its speed turns; every second sample is logged."""
+GOVERNED_IN_GUSTS = 4024932
+"""A helicopter with a governor that explains three quarters of what can be explained by power, and all by the noise."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -318,6 +320,20 @@ def test_what_simple_terms_explain_beside_another_does_not_outdo_it(monkeypatch:
 
     monkeypatch.setattr(Shares, "outdone", beside_the_likeliest)
     assert asked(TOLD_BY_ITS_SPEED).verdict == "unexplained"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("governor",)], indirect=True)
+def test_the_noise_has_the_last_word_where_powers_nearly_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(GOVERNED_IN_GUSTS)
+    assert (found.verdict, found.effect) == ("missing", "governor")
+    assert found.explained_share is not None
+    assert found.explained_share < shares.EXPLAINED
+    with monkeypatch.context() as patched:
+        patched.setattr(Shares, "_by_the_noise", lambda *_: 0.8)
+        assert asked(GOVERNED_IN_GUSTS).verdict == "unexplained", "it leaves more than noise"
+    monkeypatch.setattr(shares, "NEARLY", shares.EXPLAINED)
+    assert asked(GOVERNED_IN_GUSTS).verdict == "unexplained"
 
 
 PLAYS = ("servo_backlash", "servo_deadband")
