@@ -48,11 +48,12 @@ complete; what has a name does so only where that is a guess and hardly more tha
 
 Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
 removes at least 90 % of the avoidable error (80 % where no excitation is logged) and shows on validation runs, at
-plausible values; "unexplained", there is something, and nothing in the catalogue does it. An effect that explains it
-at values that physics does not allow "stands in" for something else; one whose size is another on the validation runs
-only resembles what is there. The reason "feedback" says that no excitation is logged and that the loop alone could
-make what is left: no alarm. With --repeat the effect is added and the question asked again, until the answer is
-another one or is not sure; -o keeps the fit with all that was found.
+plausible values; by the noise's spectrum, where 70 % are removed or gusts leave the power uncertain; "unexplained",
+there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
+allow "stands in" for something else; one whose size is another on the validation runs only resembles what is there. The
+reason "feedback" says that no excitation is logged and that the loop alone could make what is left: no alarm. With
+--repeat the effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the
+fit with all that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often

@@ -51,12 +51,24 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
         *_first(last),
         *_which(winner, last.airframe),
         nrmse_row(share, before, winner.fit.nrmse_percent),
+        *_by_the_noise(last),
     ]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
     lines += [nrmse_row("noise alone would allow", None, floor), *_weighed(found), *_slight(found)]
     lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
+
+
+def _by_the_noise(last: Diagnosis) -> list[Line]:
+    """What a name stands on where it removes less error than names need."""
+    needed = least(last.division)
+    if last.verdict != "missing" or (last.explained_share or 0.0) >= needed:
+        return []
+    said = (
+        f"{100 * needed:.0f} % or more of what noise does not explain, by its spectrum: power alone does not tell here"
+    )
+    return [Sentence(said, "  ", "    ")]
 
 
 def _first(last: Diagnosis) -> list[Line]:

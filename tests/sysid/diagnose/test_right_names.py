@@ -10,6 +10,7 @@ import pytest
 from strangers.asking import ask, records
 from strangers.flights import fly
 
+from gcs.analysis.text.verdict import _by_the_noise as by_the_noise_words
 from sysid.data import preprocess
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
@@ -329,6 +330,9 @@ def test_the_noise_has_the_last_word_where_powers_nearly_tell(monkeypatch: pytes
     assert (found.verdict, found.effect) == ("missing", "governor")
     assert found.explained_share is not None
     assert found.explained_share < shares.EXPLAINED
+    (line,) = by_the_noise_words(found)
+    assert "90 % or more" in str(line)
+    assert by_the_noise_words(replace(found, explained_share=0.95)) == []
     with monkeypatch.context() as patched:
         patched.setattr(Shares, "_by_the_noise", lambda *_: 0.8)
         assert asked(GOVERNED_IN_GUSTS).verdict == "unexplained", "it leaves more than noise"
