@@ -30,7 +30,7 @@ from sysid.diagnose.evidence import Candidate, gain
 from sysid.diagnose.likely import CHANCE, misfit, twins
 from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
-from sysid.diagnose.refits import NEAR, PRICES, as_scored, goes_by_its_score, refitted
+from sysid.diagnose.refits import NEAR, PRICES, as_scored, does_nothing, goes_by_its_score, refitted
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.term_search import Selection
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, Unsearched
@@ -354,7 +354,7 @@ class _Chains:
         assert begin.fit is not None
         names = _names(first.effect, second.effect)
         again = refitted(more, begin.fit, self.reference.users)
-        if again.fit is None:
+        if again.fit is None or does_nothing(again.fit, names):
             return None
         both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
         both = ranked(both, self.reference)

@@ -22,7 +22,7 @@ from sysid.diagnose.evidence import Candidate, refit
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
-from sysid.model.acting import linear_dynamics
+from sysid.model.acting import idle, linear_dynamics
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model, Structure
@@ -191,7 +191,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
     A linear entry beside one that takes simulations in time begins where the score was, and nowhere else: to look at
     every beginning would cost more than all else, and minutes where the response does not settle. No refit where the
-    score is beyond what it may be.
+    score is beyond what it may be, or where it ended as nothing.
     """
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
@@ -212,7 +212,14 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = predicting(fit, parent)
-    return replace(one, fit=moved_on(fit, parent, astray), not_testable=None)
+    fit = moved_on(fit, parent, astray)
+    return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
+
+
+def does_nothing(fit: Candidate, effects: Sequence[str]) -> bool:
+    """Whether one of these effects moves no command where the fit ended: what the fit explains more, others do."""
+    segments = [one.segment for group in fit.dataset.stacks for one in group.spectra]
+    return idle(fit.model.structure, fit.model.values, segments, effects)
 
 
 def moved_on(fit: Candidate, parent: Candidate, astray: bool = False) -> Candidate:

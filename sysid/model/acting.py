@@ -24,6 +24,8 @@ LARGE_STEP, PARTS = 1e-2, 8
 STEADY = PARTS**0.25
 """How many times the root sum of squares of the parts' changes the whole one is at least, where it does: between the
 root of PARTS, where each part changes the same, and 1, where no part changes what another does."""
+IDLE = 1e-4
+"""Of a command's largest size, that what acts on its samples moves at most and does nothing."""
 KEPT = 48
 """Bins of acting commands, for each run: of the points of all grids, which are asked beside one effect after another,
 and of the last values of a fit."""
@@ -76,6 +78,25 @@ def _jumping(
         return bool(0 < whole < STEADY * parts)
 
     return tuple(name for effect in front if effect.samples is not None for name in effect.names if jumps(name))
+
+
+def idle(structure: Structure, values: FloatArray, segments: Sequence[Segment], names: Collection[str]) -> bool:
+    """Whether one of these effects acts on samples of the commands and moves none of them: a limit never reached."""
+    front, _ = divided(structure)
+    named = structure.by_name(values)
+    known: list[Samples] = [{} for _ in segments]
+
+    def moves(place: int) -> bool:
+        for segment, some in zip(segments, known, strict=True):
+            after, before = (in_time(structure, front[:end], segment, named, some) for end in (place + 1, place))
+            if np.max(np.abs(after - before), initial=0.0) > IDLE * np.max(np.abs(before), initial=0.0):
+                return True
+        return False
+
+    return any(
+        effect.samples is not None and (effect.path or effect.id) in names and not moves(place)
+        for place, effect in enumerate(front)
+    )
 
 
 def linear_dynamics(structure: Structure) -> bool:

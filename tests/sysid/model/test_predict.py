@@ -15,7 +15,7 @@ from sysid.data.record import Record
 from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
 from sysid.model import predict, relaxation
-from sysid.model.acting import divided, either_side, in_time, jumping
+from sysid.model.acting import divided, either_side, idle, in_time, jumping
 from sysid.model.compose import compose
 from sysid.model.effect import find
 from sysid.model.paper import CD, TPP
@@ -152,6 +152,26 @@ def test_only_a_dead_band_jumps_with_its_parameter(runs: list[Record]) -> None:
         (group,) = stack(spectra(runs, structure.inputs, ("p", "q"))[0])
         found = jumping(structure, np.append(TRUTH, size), group)
         assert found == (["width"] if name == "servo_deadband" else []), name
+
+
+@pytest.mark.parametrize(
+    ("name", "acts", "nothing"),
+    [
+        ("servo_rate_limit", 4.0, 1e6),
+        ("servo_acceleration_limit", 500.0, 1e13),
+        ("servo_saturation", 0.08, 0.9),
+        ("servo_backlash", 0.01, 1e-6),
+        ("servo_deadband", 0.01, 1e-7),
+    ],
+)
+def test_what_moves_no_command_is_idle(runs: list[Record], name: str, acts: float, nothing: float) -> None:
+    structure = compose("tpp", ["servo_lag", name])
+    segments = [one.segment for one in spectra(runs, structure.inputs, ("p", "q"))[0]]
+    for size, expected in ((acts, False), (nothing, True)):
+        sizes = {"tau_s": 0.05, find(name).names[0]: size}
+        values = structure.vector({**dict(zip(TPP.names, TRUTH, strict=True)), **sizes})
+        assert idle(structure, values, segments, [name]) == expected
+        assert not idle(structure, values, segments, ["servo_lag"]), "what is linear is no question"
 
 
 def test_every_dead_band_is_seen_to_jump_and_nothing_else_is() -> None:
