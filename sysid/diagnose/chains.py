@@ -354,7 +354,7 @@ class _Chains:
         assert begin.fit is not None
         names = _names(first.effect, second.effect)
         again = refitted(more, begin.fit, self.reference.users)
-        if again.fit is None or does_nothing(again.fit, names):
+        if again.fit is None or does_nothing(again.fit, begin.effects):
             return None
         both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
         both = ranked(both, self.reference)

@@ -24,11 +24,11 @@ another that is likelier, or on validation runs alone, where both explain all of
 of the gusts, too, answers to the imposed commands are least exact. (A dead band passed for play there, and play for a
 dead band; both explained 0.16 and 0.3 more. Of a thinned log, where either was fitted to every fourth command, a dead
 band explained 0.74 of the validation runs, and play all.)"""
+SURELY = 2.0
+"""Times what chance may make of the validation runs, by which it does so there at least."""
 INEXACT = 0.01
 """Of the chi squared of an implausible winner, by which a plausible one may be behind for the steps' sake alone: what
 predicts the same ended by so much apart in slow gusts."""
-SURELY = 2.0
-"""Times what chance may make of the validation runs."""
 AS_MUCH = 0.8
 """Of an effect's chi squared, that one which explains as much has at least."""
 

@@ -102,15 +102,13 @@ def of_named(ratio: float, short: float, among: Class) -> float:
 def of_single(ratio: float, left: float, among: Class, excited: bool) -> float:
     """The same as it is told of a single effect; `left` is the share of what can be explained that it leaves by any
     measure, `excited` whether an excitation of every command is logged."""
-    constant, *slopes = SINGLE
-    return _logistic((constant + (EXCITED if excited else NOT_EXCITED), *slopes), ratio, left) * among.right
+    return _logistic(SINGLE, ratio, left, EXCITED if excited else NOT_EXCITED) * among.right
 
 
 def of_chain(ratio: float, short: float, among: Class, excited: bool) -> float:
     """That both of two effects are right; `excited` as of a single one."""
-    constant, *slopes = CHAIN_CONFIDENCE
-    weights = (constant + (CHAIN_EXCITED if excited else CHAIN_NOT_EXCITED), *slopes)
-    return CHAIN_RIGHT * _logistic(weights, ratio, short) * among.right
+    beside = CHAIN_EXCITED if excited else CHAIN_NOT_EXCITED
+    return CHAIN_RIGHT * _logistic(CHAIN_CONFIDENCE, ratio, short, beside) * among.right
 
 
 def leaves_more(winner: Ranked) -> bool:
@@ -150,5 +148,5 @@ def _surely(chance: float) -> float:
     return 1 - 0.5 * math.exp(min(0.0, chance - SIGNIFICANT) / SURPRISE) if chance < SIGNIFICANT else 0.0
 
 
-def _logistic(weights: Sequence[float], lead: float, short: float) -> float:
-    return 1 / (1 + math.exp(-(weights[0] + weights[1] * lead + weights[2] * short)))
+def _logistic(weights: Sequence[float], lead: float, short: float, beside: float = 0.0) -> float:
+    return 1 / (1 + math.exp(-(weights[0] + beside + weights[1] * lead + weights[2] * short)))

@@ -218,7 +218,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
 
 def does_nothing(fit: Candidate, effects: Sequence[str]) -> bool:
     """Whether one of these effects moves no command where the fit ended: what the fit explains more, others do."""
-    segments = [one.segment for group in fit.dataset.stacks for one in group.spectra]
+    segments = [one.segment for one in fit.dataset.spectra]
     return idle(fit.model.structure, fit.model.values, segments, effects)
 
 

@@ -94,9 +94,8 @@ class Shares:
     most_paid: float
     """and by any, less what its parameters cost;"""
     paid_with: float
-    """the same of the likeliest candidate with what simple terms or a slow mode explain beside it."""
-    likeliest: Candidate
-    """The structure itself where none is likelier."""
+    """the same of the likeliest candidate, or of the structure itself where none is likelier, with what simple terms
+    or a slow mode explain beside it."""
     beside: Callable[[Candidate], float]
     """Chi squared of what simple terms or a slow mode explain beside a candidate."""
 
@@ -124,7 +123,6 @@ class Shares:
             most_explained=max((one.chi_squared for one in fits), default=0.0),
             most_paid=max([0.0, *(-one.delta_bic for one in fits)]),
             paid_with=paid + beside(best),
-            likeliest=best,
             beside=beside,
         )
 
@@ -172,12 +170,12 @@ class Shares:
     def outdone(self, one: Ranked) -> bool:
         """Whether others, or simple terms beside the likeliest and beside itself, explain so much more at the same cost
         that it can only resemble what is there: powers need not show that beside the noise."""
+        assert one.fit is not None
         own, cost = max(0.0, one.chi_squared), one.delta_bic + one.chi_squared
         if own < OF_MOST * (self.most_paid + cost):
             return True
-        if own >= OF_MOST * (self.paid_with + cost):
-            return False
-        return one.fit is None or one.fit is self.likeliest or own < OF_MOST * (own + self.beside(one.fit))
+        # what stands beside it is dear to look for, and only spares it
+        return own < OF_MOST * (self.paid_with + cost) and own < OF_MOST * (own + self.beside(one.fit))
 
     def short(self, one: Ranked) -> float:
         """How far it is from explaining all that can be explained, on fitted runs or, chance taken off, on validation

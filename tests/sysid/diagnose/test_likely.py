@@ -138,8 +138,7 @@ def test_where_no_excitation_is_logged_a_name_is_told_less_sure() -> None:
 
 
 def test_a_chain_is_told_surer_where_an_excitation_is_logged() -> None:
-    """A late one in a rotor that changes its speed, right and told 0.45 before, is named; an acceleration limit beside
-    it, for power that fades in a loop, told 0.55 before and wrong, no more."""
+    """A lag in a rotor that changes its speed, right and told 0.45 before, is named with an excitation logged."""
     alone = of(refitted("servo_lag"), [])
     for lead, named in ((1.4, (False, True)), (1.6, (False, True)), (0.9, (False, False)), (2.5, (True, True))):
         told = [of_chain(lead, 0.0, alone, excited=excited) for excited in (False, True)]

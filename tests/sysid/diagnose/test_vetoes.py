@@ -146,7 +146,6 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
         most_explained=0.0,
         most_paid=0.0,
         paid_with=0.0,
-        likeliest=found.parent,
         beside=lambda _: 0.0,
     )
     weak, plain, strong = (math.log(chance) for chance in (1e-7, 1e-20, 1e-60))
