@@ -38,6 +38,11 @@ a hundred is found below it: the noise is not quite what the questions take it f
 IN_A_LOOP = math.log(100)
 """Less surely than that nothing is told where no excitation is logged: short of many runs slow effects, which remember
 the gusts of half a run, are shown by noise more often than chance has it."""
+NO_POWER = 0.01
+"""Of what is left, that commands explain beyond what they would of noise, below which in rough air the windows together
+show nothing: a burst that one short chirp met is loud in some and missing in the others. Two clean flights of 8 s had
+nothing, at chances of 1e-25; of 107 that hid something and showed it in rough air six had less, all shown by an entry's
+score as surely."""
 QUESTIONS = 4
 """Kinds of them: the commands against the residual, the catalogue, slow modes, candidate terms."""
 REMAINDER = 0.05
@@ -236,9 +241,13 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
     return reason
 
 
-def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
-    """Logarithm of the chance that noise alone shows as much as the best of all questions."""
+def chance_of_noise(division: Division, scores: Sequence[Score], stepped: Stepped, whitening: Whitening) -> float:
+    """Logarithm of the chance that noise alone shows as much as the best of all questions; where what is left, as it
+    was `stepped` in this whitening, comes in bursts, not by windows of which some show what others lack."""
     linear = log_chance(division.chi_squared, division.degrees)
+    powerless = division.measured and float(np.max(1 - division.noise_share)) < NO_POWER
+    if linear < SIGNIFICANT and powerless and stepped.envelope(whitening).rough:
+        linear = 0.0
     best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
     return of_all_questions(min(linear, best), division)
 

@@ -233,7 +233,7 @@ class _Chains:
             self.not_asked.append(first.effect)
             return True
         scores = [one.score for one in seconds if one.score is not None]
-        if chance_of_noise(begun.division, scores) >= SIGNIFICANT:
+        if chance_of_noise(begun.division, scores, first.stepped, whitening) >= SIGNIFICANT:
             return False
         asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
         self.seconds[first.effect] = asked

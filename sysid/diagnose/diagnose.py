@@ -147,7 +147,8 @@ class _Asked:
 def _asked(parent: Candidate, validation: Dataset | None, effects: Sequence[Effect], say: Listener) -> _Asked:
     asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
-    chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
+    scores = [one.score for one in candidates if one.score is not None]
+    chance = chance_of_noise(parent.division, scores, stepped, parent.metric)
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say, elsewhere)

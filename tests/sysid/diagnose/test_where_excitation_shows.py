@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from strangers.asking import ask, records
@@ -12,6 +14,7 @@ from sysid.data.dataset import dataset
 from sysid.diagnose import diagnose as diagnosing
 from sysid.diagnose import refits
 from sysid.diagnose.evidence import Candidate, candidate
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.shown import as_loud_as_it_is
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.estimate import estimate
@@ -24,6 +27,10 @@ LATE_MOTORS = 2000278
 """A quadrotor whose motors lag by 78 ms, in slow gusts and chirps of 11 s."""
 SLOW_SERVOS = 2000071
 """A small helicopter whose servos turn no faster than 24 1/s, which costs a hundred-thousandth of the power."""
+DRIFTS = 4011063
+"""A helicopter whose moments follow its speed: it lets go of what it answers only after seconds."""
+BURSTS = 4012857
+"""A complete model of a vehicle that was flown in gusts in bursts, one chirp of 8 s an axis."""
 DRIFTING = 2000266
 """Two effects in strong gusts and chirps of 10 s from 0.5 Hz on."""
 
@@ -112,3 +119,28 @@ def test_noise_that_is_steep_in_a_window_is_as_loud_as_it_is(parent: Candidate) 
     assert np.all(times[here < 0.35] > 2.5)
     assert np.mean(times[(here > 0.8) & (here < 1.5)]) < 1.2
     assert np.all(times[here >= 1.5] == pytest.approx(1.0))
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("speed_stability", "attitude_stiffness")], indirect=True)
+def test_what_drifts_is_told_by_what_is_left_and_not_by_what_was_imposed() -> None:
+    """The product of what two models answer to the imposed commands, and what they leave, was below nothing."""
+    found = asked(DRIFTS)
+    assert (found.verdict, found.effect) == ("missing", "speed_stability")
+    right, without = found.candidates[0].stepped, found.stepped
+    assert right is not None
+    assert (right.imposed - without.imposed) @ (right.residual + without.residual) < 0
+    left, before = right.caused @ right.caused, without.caused @ without.caused
+    assert left < 0.15 * before
+    assert found.candidates[0].chi_squared == pytest.approx(before - left, rel=0.05)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("gyro_lag", "lead_lag")], indirect=True)
+def test_a_burst_that_a_short_chirp_met_is_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(BURSTS)
+    assert found.verdict == "complete"
+    assert log_chance(found.division.chi_squared, found.division.degrees) < math.log(1e-20), "window by window"
+    assert found.division.noise_share == pytest.approx([1, 1]), "and nothing of all of them"
+    monkeypatch.setattr("sysid.diagnose.candidates.NO_POWER", 0.0)
+    assert asked(BURSTS).verdict == "unexplained"
