@@ -64,9 +64,8 @@ is taken from the same runs then, and takes up part of what some effects do."""
 CHAIN_NAMED = 0.5
 """At least, to name a chain of two: of 22 training strangers from 3000 to 9020, four of four below were wrong, and
 right ones began at 0.90, unstable ones apart; of hundreds of chains one resembles nearly anything."""
-LEAST_TOLD = 0.5
-"""And told of what is named, at least: below it is likelier to be wrong. Of 3 chains on spent strangers 2 were, of 3
-single effects all."""
+CHAIN_TOLD = 0.5
+"""And told of a chain that is named, at least: below it is likelier to be wrong. Of 3 on spent strangers 2 were."""
 CHAIN_LEAVES, BEYOND_CHANCE = 0.04, 2.5
 """Share of chi squared that a chain leaves beyond noise, from which on, where that is so many standard deviations more
 than noise, it names nothing: of 49 chains that were named on the 764 strangers of SINGLE the six that left so much all

@@ -13,8 +13,8 @@ from sysid.diagnose import choice
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
 from sysid.diagnose.confidence import (
     CHAIN_NAMED,
+    CHAIN_TOLD,
     IN_A_LOOP_RIGHT,
-    LEAST_TOLD,
     LEFT_OF_A_FORM,
     NAMED_IN_A_LOOP,
     NARROW,
@@ -95,8 +95,8 @@ class Diagnosis:
     lead: float | None
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
     outdone: bool = False
-    """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or it is likelier
-    wrong than right; or a chain of two is little ahead of others, or leaves too much."""
+    """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or a chain of two
+    is little ahead of others, or leaves too much."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
@@ -276,8 +276,8 @@ def _answer(
     among = _declared(winner, _answers(peers, shares, enough), singles)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    told = _told(winner, among, ratio, shares, reference, None)
-    doubtful = told < LEAST_TOLD or (len(chain) > 1 and _only_resembles(winner, named))
+    told = of_chain(ratio, shares.short(winner), among, reference.parent.division.measured)
+    doubtful = len(chain) > 1 and _only_resembles(winner, named, told)
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",
@@ -286,7 +286,7 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=_sure(winner, told if missing else _told(winner, among, ratio, shares, reference, chance)),
+        confidence=_sure(winner, _told(winner, among, ratio, shares, reference, None if missing else chance)),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
@@ -294,9 +294,9 @@ def _answer(
     )
 
 
-def _only_resembles(chain: Ranked, named: float) -> bool:
-    """Whether a chain, by its sureness and what it leaves, likelier only resembles what is there."""
-    return named < CHAIN_NAMED or leaves_more(chain)
+def _only_resembles(chain: Ranked, named: float, told: float) -> bool:
+    """Whether a chain, by its sureness and what is told of that, likelier only resembles what is there."""
+    return named < CHAIN_NAMED or told < CHAIN_TOLD or leaves_more(chain)
 
 
 def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked]) -> Class:

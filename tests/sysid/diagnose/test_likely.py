@@ -15,8 +15,8 @@ from sysid.diagnose import candidates, choice, likely
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.confidence import (
     CHAIN_RIGHT,
+    CHAIN_TOLD,
     COMPLETE_RIGHT,
-    LEAST_TOLD,
     UNEXPLAINED_RIGHT,
     VETO_RIGHT,
     leaves_more,
@@ -142,7 +142,7 @@ def test_a_chain_is_told_surer_where_an_excitation_is_logged() -> None:
     alone = of(refitted("servo_lag"), [])
     for lead, named in ((1.4, (False, True)), (1.6, (False, True)), (0.9, (False, False)), (2.5, (True, True))):
         told = [of_chain(lead, 0.0, alone, excited=excited) for excited in (False, True)]
-        assert (told[0] >= LEAST_TOLD, told[1] >= LEAST_TOLD) == named
+        assert (told[0] >= CHAIN_TOLD, told[1] >= CHAIN_TOLD) == named
     assert of_chain(9.0, 0.0, alone, excited=True) <= CHAIN_RIGHT
 
 

@@ -9,7 +9,6 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
-from gcs.analysis.text.verdict import answer
 from sysid.data.dataset import dataset
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
@@ -45,17 +44,6 @@ def test_one_size_holds() -> None:
     assert found.sizes[0].off == 0
     assert found.sizes[0].elsewhere == pytest.approx(TAU_S, abs=4 * found.sizes[0].elsewhere_error)
     assert not found.sizes_that_differ
-
-
-@pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("servo_lag",)], indirect=True)
-@pytest.mark.parametrize(("sure", "said"), [(0.49, "unexplained"), (0.5, "missing")])
-def test_what_is_more_likely_wrong_is_not_named(sure: float, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sysid.diagnose.verdict.of_single", lambda *_: sure)
-    found = asked(TAU_S)
-    assert (found.verdict, found.effect) == (said, "servo_lag" if said == "missing" else None)
-    assert found.outdone == (said == "unexplained")
-    assert ("more likely only resembles" in answer(found)) == found.outdone
 
 
 @pytest.mark.usefixtures("only_effects")
