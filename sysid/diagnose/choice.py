@@ -26,6 +26,9 @@ dead band; both explained 0.16 and 0.3 more. Of a thinned log, where either was 
 band explained 0.74 of the validation runs, and play all.)"""
 SURELY = 2.0
 """Times what chance may make of the validation runs, by which it does so there at least."""
+HARDLY = 0.01
+"""Of its own chi squared, by which a chain is hardly likelier than a single effect: late motors in a loop, of which
+least squares left more power than their model did, were named beside a delay of 0.07 ms that added 18 to 386,000."""
 INEXACT = 0.01
 """Of the chi squared of an implausible winner, by which a plausible one may be behind for the steps' sake alone: what
 predicts the same ended by so much apart in slow gusts."""
@@ -50,10 +53,12 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
 def _more(pair: Ranked, single: Ranked) -> float:
     """Share of what can be explained, by which a chain explains more on the fitted or, chance taken off, on the
     validation runs: by power, or by likelihood, where noise is small. What has doubtful values that the single effect
-    has not is likelier by what it only resembles."""
-    more = [(pair.explained_share or 0.0) - (single.explained_share or 0.0)]
-    if set(pair.outside) <= set(single.outside):
-        more.append((pair.chi_squared - single.chi_squared) / max(pair.chi_squared + misfit(pair), 1e-300))
+    has not is likelier by what it only resembles. In a loop powers tell nothing that is hardly likelier."""
+    assert pair.fit is not None
+    likelier = (pair.chi_squared - single.chi_squared) / max(pair.chi_squared + misfit(pair), 1e-300)
+    more = [likelier] if set(pair.outside) <= set(single.outside) else [0.0]
+    if pair.fit.division.measured or likelier > HARDLY:
+        more.append((pair.explained_share or 0.0) - (single.explained_share or 0.0))
     if pair.validation_share is not None and single.validation_share is not None:
         more.append(pair.validation_share - single.validation_share - single.validation_slack)
     return max(more)
@@ -72,7 +77,7 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked], halves: Seq
         for one in others
         if one.stepped is not None and _stands_beside(one, winner, *gain(stepped, one.stepped), near)
     ]
-    best = min(alike, key=_unusual) if len(alike) > 1 else winner  # what is usual takes numbers told, which are dear
+    best = _most_usual(alike) if len(alike) > 1 else winner  # what is usual takes numbers told, which are dear
     fuller = [one for one in others if _explains_instead(one, best, near)] if not _explains(best) else []
     best = min(fuller, key=lambda one: one.delta_bic, default=best)
     more = [one for one in others if _explains_more(one, best, near)]
@@ -98,7 +103,11 @@ def _explains_instead(one: Ranked, winner: Ranked, near: float) -> bool:
 
 def _explains_more(one: Ranked, winner: Ranked, near: float) -> bool:
     """Whether it explains more of what can be explained with as few parameters, where it is hardly less likely: a
-    filter of 1.5 ms on the gyro for a delay of the commands, on a real autopilot's simulator."""
+    filter of 1.5 ms on the gyro for a delay of the commands, on a real autopilot's simulator. In a loop powers tell
+    less than that."""
+    assert winner.fit is not None
+    if not winner.fit.division.measured:
+        return False
     if one.stepped is None or winner.stepped is None or one.implausible or one.added > winner.added:
         return False
     if (one.explained_share or 0.0) <= (winner.explained_share or 0.0) + ALMOST:
@@ -152,6 +161,16 @@ def _stands_beside(one: Ranked, winner: Ranked, behind: float, apart: float, nea
     if winner.implausible and not one.implausible:
         return behind < max(near, INEXACT * winner.chi_squared)
     return abs(behind) < TIED and apart < APART and one.added == winner.added
+
+
+def _most_usual(alike: Sequence[Ranked]) -> Ranked:
+    """Of the plausible ones that are as likely as the likeliest of them the one of the most usual size: how far behind
+    an implausible one they may be tells nothing of which of them it is."""
+    plausible = [one for one in alike if not one.implausible] or alike
+    likeliest = min(plausible, key=lambda one: one.delta_bic)
+    assert likeliest.stepped is not None
+    tied = [one for one in plausible if one.stepped is not None and gain(likeliest.stepped, one.stepped)[0] < SAME]
+    return min(tied, key=_unusual)
 
 
 def _unusual(one: Ranked) -> tuple[bool, float]:

@@ -36,7 +36,9 @@ CHI_SQUARED = 1e4
 """Of the winner."""
 NOTHING_ON_SAMPLES = SimpleNamespace(structure=SimpleNamespace(composed=[]))
 LOGGED = cast(Candidate, SimpleNamespace(division=SimpleNamespace(measured=True), model=NOTHING_ON_SAMPLES))
-"""A fit to runs whose excitation is logged."""
+"""A fit to runs whose excitation is logged,"""
+IN_A_LOOP = cast(Candidate, SimpleNamespace(division=SimpleNamespace(measured=False), model=NOTHING_ON_SAMPLES))
+"""and to some where none is."""
 
 
 @pytest.fixture(autouse=True)
@@ -282,6 +284,33 @@ def test_a_chain_that_is_much_likelier_explains_clearly_more_where_powers_do_not
     assert choice.winner([one], [both]) is both
     assert choice.winner([replace(one, chi_squared=0.98 * CHI_SQUARED)], [both]) is not both
     assert choice.winner([one], [replace(both, outside=("k_l",))]) is one, "by doubtful values"
+
+
+def test_in_a_loop_powers_tell_nothing_that_is_hardly_likelier() -> None:
+    """Late motors whose fit left more power than without; beside a delay of nearly nothing it left less."""
+    also = {"explained_share": 0.2, "added": 2}
+    motors = refitted("motor_lag", 8.0, 0, explained_share=0.0, fit=IN_A_LOOP)
+    late = refitted("servo_lag", 9.0, 2, explained_share=0.2, fit=IN_A_LOOP)
+    both = replace(refitted("transport_delay", 0.0, 1, fit=IN_A_LOOP, **also), effects=("motor_lag", "transport_delay"))
+    assert choice.winner([motors, late], [both]) is motors
+    likelier = replace(both, chi_squared=1.02 * CHI_SQUARED)
+    assert choice.winner([motors], [likelier]) is likelier
+    motors, late, both = (replace(one, fit=LOGGED) for one in (motors, late, both))
+    assert choice.winner([motors], [both]) is both, "no gusts in what the excitation explains"
+    assert choice.winner([motors, late], []) is late
+
+
+def test_of_what_may_stand_for_an_implausible_one_the_likeliest_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How far behind that any of them may be tells nothing of which it is."""
+    monkeypatch.setattr(choice, "misfit", lambda *_: 300.0)
+    monkeypatch.setattr(
+        choice, "_unusual", lambda one: (bool(one.implausible), 3.0 if one.effect == "motor_lag" else 0)
+    )
+    gyros = refitted("gyro_lag", 0.0, 0, explained_share=1.0, implausible=("tau_g",))
+    motors = refitted("motor_lag", 0.0, 0, explained_share=1.0)
+    late = refitted("transport_delay", 400.0, 1, explained_share=1.0)
+    assert choice.winner([gyros, motors, late], []) is motors
+    assert choice.winner([gyros, motors, replace(late, stepped=motors.stepped)], []).effect == "transport_delay"
 
 
 def test_of_two_the_likelier_half_is_named_though_another_has_fewer_numbers() -> None:
