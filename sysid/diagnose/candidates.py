@@ -41,8 +41,8 @@ the gusts of half a run, are shown by noise more often than chance has it."""
 NO_POWER = 0.01
 """Of what is left, that commands explain beyond what they would of noise, below which in rough air the windows together
 show nothing: a burst that one short chirp met is loud in some and missing in the others. Two clean flights of 8 s had
-nothing, at chances of 1e-25; of 107 that hid something and showed it in rough air six had less, all shown by an entry's
-score as surely."""
+nothing, at chances of 1e-25; of 106 that hid something and showed it so in rough air four had less, each shown by an
+entry's score at 1e-12 or surer."""
 QUESTIONS = 4
 """Kinds of them: the commands against the residual, the catalogue, slow modes, candidate terms."""
 REMAINDER = 0.05
