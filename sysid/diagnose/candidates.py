@@ -38,11 +38,6 @@ a hundred is found below it: the noise is not quite what the questions take it f
 IN_A_LOOP = math.log(100)
 """Less surely than that nothing is told where no excitation is logged: short of many runs slow effects, which remember
 the gusts of half a run, are shown by noise more often than chance has it."""
-NO_POWER = 0.01
-"""Of what is left, that commands explain beyond what they would of noise, below which in rough air the windows together
-show nothing: a burst that one short chirp met is loud in some and missing in the others. Two clean flights of 8 s had
-nothing, at chances of 1e-25; of 106 that hid something and showed it so in rough air four had less, each shown by an
-entry's score at 1e-12 or surer."""
 QUESTIONS = 4
 """Kinds of them: the commands against the residual, the catalogue, slow modes, candidate terms."""
 REMAINDER = 0.05
@@ -242,11 +237,15 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
 
 
 def chance_of_noise(division: Division, scores: Sequence[Score], stepped: Stepped, whitening: Whitening) -> float:
-    """Logarithm of the chance that noise alone shows as much as the best of all questions; where what is left, as it
-    was `stepped` in this whitening, comes in bursts, not by windows of which some show what others lack."""
+    """Logarithm of the chance that noise alone shows as much as the best of all questions.
+
+    Where what is left, as it was `stepped` in this whitening, comes in bursts, not by windows of frequency: a short
+    chirp passes some in a burst and others in the calm. (Three clean flights of 8 to 16 s showed as much at 1e-25 to
+    1e-47, and no entry at 1e-4; of 106 that hid something and showed it there in rough air every one had an entry that
+    showed it, too.)
+    """
     linear = log_chance(division.chi_squared, division.degrees)
-    powerless = division.measured and float(np.max(1 - division.noise_share)) < NO_POWER
-    if linear < SIGNIFICANT and powerless and stepped.envelope(whitening).rough:
+    if linear < SIGNIFICANT and division.measured and stepped.envelope(whitening).rough:
         linear = 0.0
     best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
     return of_all_questions(min(linear, best), division)
