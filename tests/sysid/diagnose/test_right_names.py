@@ -27,8 +27,6 @@ from sysid.model.structure import Structure
 
 PITCHED_BY_COLLECTIVE = 8029
 """A helicopter of 90 kg whose collective turns it a little, in coloured gusts; every second sample is logged."""
-SLOW_MOTORS = 8180
-"""A quadrotor whose motors lag by 88 ms, in strong white gusts."""
 DELAY_AND_COUPLING = 7016
 """A helicopter with a delay and a turning collective, in a loop whose excitation is not logged."""
 JUDGED_BY_LITTLE = 4001733
@@ -49,8 +47,6 @@ LIMITED_SERVOS = 4001888
 """A small helicopter in a strong loop whose servos move no faster than 8 1/s."""
 ONE_MODE = 4000199
 """A small helicopter with a mode in pitch, at 8.3 Hz."""
-LATE_MOTORS = 4003678
-"""A quadrotor whose motors lag by 72 ms, in gusts in bursts."""
 LOUD_MODES = 4003647
 """A helicopter with modes at 9.3 and 8.5 Hz, far above gusts in bursts; every fifth sample is logged."""
 PLAY_IN_GUSTS = 4020041
@@ -61,8 +57,6 @@ LAZY_SERVOS = 4021768
 """A helicopter whose servos run the slower the smaller their error, by its root; asked for a lag and a limit alone."""
 SLOW_FILTER = 4005786
 """A helicopter of 90 kg whose gyros are filtered at 12 Hz, in bursts of 2.8 times the usual gusts."""
-SPEED_IN_GUSTS = 4000062
-"""A small helicopter that its speed turns, in gusts of 2.7 times the usual."""
 WAKE_IN_A_LOOP = 4004305
 """A small helicopter with a wing in the wake; no excitation is logged."""
 LIMIT_IN_A_LOOP = 4004371
@@ -73,8 +67,6 @@ GOVERNOR_IN_A_LOOP = 4021538
 """A helicopter whose governor shows 1.9 times what is detectable, in gusts; no excitation is logged."""
 LATE_MOTORS_IN_GUSTS = 4008471
 """A quadrotor whose motors lag by 100 ms, in slow gusts that leave more than it moves."""
-TOLD_BY_ITS_SPEED = 4010633
-"""A helicopter that its speed turns; every second sample is logged."""
 GOVERNED_IN_GUSTS = 4024932
 """A helicopter with a governor that explains three quarters of what can be explained by power, and all by the noise."""
 SHORT_DELAY = 4020686
@@ -113,17 +105,6 @@ def test_runs_that_cannot_tell_what_it_explains_do_not_judge_its_size(monkeypatc
     monkeypatch.setattr(size_check, "_as_well", lambda *_: False)
     # a size that differs there would have been a veto; what is left unnamed then matters to no loop
     assert asked(PITCHED_BY_COLLECTIVE).verdict == "complete"
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("motor_lag", "structural_mode", "transport_delay")], indirect=True)
-def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the commands do is known best at 2 Hz, and its numbers too vaguely for powers to tell what it explains."""
-    beyond_the_sweep(monkeypatch)
-    found = asked(SLOW_MOTORS)
-    assert (found.verdict, found.effect) == ("missing", "motor_lag")
-    assert found.chain == ("motor_lag",)
 
 
 @pytest.mark.thorough
@@ -274,16 +255,6 @@ def test_a_little_of_the_other_sign_at_some_frequency_is_no_other_mode() -> None
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("motor_lag", "lag_per_axis")], indirect=True)
-def test_a_lag_of_all_motors_is_moved_on_as_a_lag_of_each_axis_is() -> None:
-    found = asked(LATE_MOTORS)
-    assert (found.verdict, found.effect) == ("missing", "motor_lag")
-    assert found.winner is not None
-    assert found.winner.values["tau_m"] == pytest.approx(0.0725, rel=0.02)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode", "dynamic_inflow")], indirect=True)
 def test_a_mode_that_no_burst_makes_is_begun_where_it_explains_most(monkeypatch: pytest.MonkeyPatch) -> None:
     found = asked(LOUD_MODES)
@@ -299,19 +270,6 @@ def test_a_mode_that_no_burst_makes_is_begun_where_it_explains_most(monkeypatch:
     most = promised()
     monkeypatch.setattr(score, "BEYOND_BURSTS", -math.inf)
     assert promised() < 0.1 * most
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("speed_stability", "stabiliser_bar")], indirect=True)
-def test_what_simple_terms_explain_beside_another_does_not_outdo_it() -> None:
-    """A bar of doubtful values was likelier by a hair; where the excitation shows it explains next to nothing."""
-    found = asked(TOLD_BY_ITS_SPEED)
-    assert (found.verdict, found.effect) == ("missing", "speed_stability")
-    assert found.winner is not None
-    assert found.winner.values["M_u"] == pytest.approx(7.625, rel=0.05)
-    (bar,) = [one for one in found.candidates if one.effect == "stabiliser_bar"]
-    assert bar.chi_squared < 0.1 * found.winner.chi_squared
 
 
 @pytest.mark.usefixtures("only_effects")
@@ -405,19 +363,6 @@ def test_what_the_noise_alone_tells_stays_in_the_class(monkeypatch: pytest.Monke
     assert filtered.values["corner"] == pytest.approx(12.08, rel=0.05)
     monkeypatch.setattr(Shares, "may_be", Shares.enough)
     assert "gyro_filter" not in asked(SLOW_FILTER).not_told
-
-
-@pytest.mark.thorough
-@pytest.mark.xfail(strict=True, reason="gusts in the excitation's span: what physics does not allow leaves less")
-@pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("speed_stability",)], indirect=True)
-def test_what_is_held_where_physics_allows_is_fitted_by_the_noise_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = asked(SPEED_IN_GUSTS)
-    assert (found.verdict, found.effect) == ("missing", "speed_stability")
-    assert found.winner is not None
-    assert found.winner.values["L_v"] == pytest.approx(-11.9, rel=0.1)
-    monkeypatch.setattr(reach, "moved_on", lambda held, _: held)
-    assert asked(SPEED_IN_GUSTS).verdict == "unexplained"
 
 
 @pytest.mark.thorough
