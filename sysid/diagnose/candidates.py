@@ -312,7 +312,7 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
         one,
         stepped=own,
         chi_squared=likelier,
-        added=len(one.fit.J[0]) - len(parent.J[0]),
+        added=one.fit.fitted - parent.fitted,
         rows=reference.stepped.residual.size,
         implausible=tuple(name for name in model.structure.names if name in now - before),
         outside=tuple(name for name in model.structure.names if name in outside - before),

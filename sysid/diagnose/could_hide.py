@@ -34,6 +34,7 @@ from sysid.diagnose.score import INDEPENDENT
 from sysid.fit.identifiable import size as whole
 from sysid.fit.identify import beyond_responses
 from sysid.fit.noise import Division
+from sysid.fit.scaled import instrumental_inverse
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
@@ -138,10 +139,10 @@ class _Asking:
             stepped=stepped,
             whitening=whitening,
             by_fit=by_fit,
-            answer=np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
+            answer=instrumental_inverse(asked, moved) @ asked,
             free=parent.free,
             base=_by_linear_part(parent),
-            own=np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
+            own=instrumental_inverse(stepped.Z, stepped.J).T @ stepped.J,
             gains=gains,
             margins=None if gains is None else gains.loop.margins,
             effects=effects,

@@ -176,7 +176,7 @@ def _as_likely(other: _Asked, asked: _Asked) -> bool:
         return False
     here, there = (one.candidates[0].fit or one.reference.parent for one in (asked, other))
     metric = min(here, there, key=_error).metric
-    added = len(there.J[0]) - len(here.J[0])
+    added = there.fitted - here.fitted
     rows = asked.reference.stepped.residual.size
     better = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (there, here)))[0]
     return better - added * math.log(rows) > -SAME

@@ -26,6 +26,7 @@ from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import project
+from sysid.fit.scaled import scaled_solve
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
@@ -52,7 +53,8 @@ class Candidate:
     """Effects beyond the parent's."""
     held: tuple[str, ...]
     free: tuple[str, ...]
-    """Parameters that have a slope to follow: neither held, nor at a bound, nor a jump. The rows of J are theirs."""
+    jumps: tuple[str, ...]
+    """What the runs determined, neither held nor at a bound: with a slope to follow, as the rows of J, or with none."""
     dataset: Dataset
     Y: list[ComplexArray]
     """Predicted from the commands as flown, for every stack (k, bins)."""
@@ -67,6 +69,11 @@ class Candidate:
     @property
     def model(self) -> Model:
         return self.estimate.model
+
+    @property
+    def fitted(self) -> int:
+        """How many parameters the runs determined."""
+        return len(self.free) + len(self.jumps)
 
     @cached_property
     def standard_errors(self) -> dict[str, float]:
@@ -194,8 +201,9 @@ def error_share(error: OutputError) -> float:
 def candidate(found: Estimate, held: Collection[str], on: Dataset, added: Sequence[str] = ()) -> Candidate:
     """Linearise a fit on its runs."""
     structure, values = found.model.structure, found.model.values
-    fixed = {*held, *found.at_bound, *jumping(structure, values, on.stacks[0])}  # a jump has no slope to follow
-    loose = [i for i, name in enumerate(structure.names) if name not in fixed]
+    fixed = {*held, *found.at_bound}
+    jumps = [name for name in jumping(structure, values, on.stacks[0]) if name not in fixed]
+    loose = [i for i, name in enumerate(structure.names) if name not in {*fixed, *jumps}]
     flown = [respond(structure, values, group, True) for group in on.stacks]
     J = [one.slopes for one in flown]
     Y_imposed, J_imposed = imposed_answers(structure, values, on, [one.Y for one in flown], J)
@@ -205,6 +213,7 @@ def candidate(found: Estimate, held: Collection[str], on: Dataset, added: Sequen
         added=tuple(added),
         held=tuple(held),
         free=tuple(structure.names[i] for i in loose),
+        jumps=tuple(jumps),
         dataset=on,
         Y=[one.Y for one in flown],
         Y_imposed=Y_imposed,
@@ -264,7 +273,7 @@ def _steps(J: FloatArray, e: FloatArray, dear: FloatArray | float = 0.0) -> Iter
         information, slope = J @ J.T, J @ e - dear
     if not (np.isfinite(information).all() and np.isfinite(slope).all()):
         return  # of a model that is not stable, and leads nowhere
-    yield np.asarray(np.linalg.lstsq(information, slope, rcond=1e-10)[0])
+    yield scaled_solve(information, slope)
     scale = np.maximum(np.linalg.norm(J, axis=1), 1e-300)
     rows = J / scale[:, None]
     yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), slope / scale) / scale)
@@ -464,7 +473,7 @@ def _within_bounds(one: Candidate, H: FloatArray, g: FloatArray) -> FloatArray:
     move, held = np.zeros(len(here)), np.zeros(len(here), dtype=bool)
     while not np.all(held):
         rest = ~held
-        move[rest] = np.linalg.lstsq(H[np.ix_(rest, rest)], (g - H @ np.where(held, move, 0))[rest], rcond=1e-10)[0]
+        move[rest] = scaled_solve(H[np.ix_(rest, rest)], (g - H @ np.where(held, move, 0))[rest])
         beyond = rest & ((here + move < low) | (here + move > high))
         if not np.any(beyond):
             break

@@ -19,6 +19,7 @@ from sysid.data.stacks import Stack, stack
 from sysid.diagnose.evidence import Candidate, imposed_answers
 from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
 from sysid.fit.noise import Division
+from sysid.fit.scaled import scaled_solve
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError, catalogue
@@ -126,8 +127,7 @@ def left_unimitated(old: FloatArray, J_old: FloatArray, new: FloatArray, J_new: 
     """Length of what the rival cannot imitate, the new run flown so many times."""
     G = J_old @ J_old.T + repeats * (J_new @ J_new.T)
     b = J_old @ old + repeats * (J_new @ new)
-    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
-    move = np.linalg.lstsq(G / np.outer(scale, scale), b / scale, rcond=1e-11)[0] / scale
+    move = scaled_solve(G, b)
     rest = float(old @ old) + repeats * float(new @ new) - 2 * float(move @ b) + float(move @ G @ move)
     return math.sqrt(max(rest, 0.0))
 

@@ -18,7 +18,7 @@ from sysid.data.record import RATES
 from sysid.diagnose.candidate_terms import transfers
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.score import along, in_bursts, log_chance
-from sysid.diagnose.term_search import instrumental_inverse
+from sysid.fit.scaled import instrumental_inverse
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray
 

@@ -22,6 +22,7 @@ from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import bins
+from sysid.fit.scaled import instrumental_inverse
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.structure import AnyArray, FloatArray
 
@@ -29,7 +30,6 @@ LEAST_LEFT = 1e-4
 """Share of a term that the parent's own parameters must leave of it; less needs absurd coefficients."""
 LEAST_APART = 1e-4
 """1 - correlation^2 of the two terms of a pair."""
-RANK = 1e-9
 LOOKED_AT = 120
 """Best entries that are compared one by one."""
 SIGNIFICANT = math.log(0.01)
@@ -142,12 +142,6 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
     pairs = fixed.pairs - np.sum(own[one] * asked[two] + asked[one] * own[two], axis=1)
     pairs += np.sum((own[one] @ crossed) * own[two], axis=1)
     return _Products(e, rest, rest / np.maximum(fixed.whole, 1e-300), pairs)
-
-
-def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
-    """Of asked moved^T; the sizes of sensitivities, which are many powers of ten apart, do not matter."""
-    sizes = [np.maximum(np.sqrt(np.einsum("ij,ij->i", one, one)), 1e-300) for one in (moved, asked)]
-    return np.asarray(np.linalg.pinv((asked @ moved.T) / np.outer(sizes[1], sizes[0]), RANK) / np.outer(*sizes))
 
 
 def _inner(terms: ComplexArray, h: ComplexArray, vectors: ComplexArray) -> FloatArray:

@@ -13,6 +13,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.output_error import axis_weights
 from sysid.fit.rows import less_ends, rows
+from sysid.fit.scaled import scaled_solve
 from sysid.fit.whitening import weighed
 from sysid.model.acting import linear_dynamics
 from sysid.model.predict import respond
@@ -27,6 +28,8 @@ MAXIMUM_STEPS_IN_TIME = 15
 """The same where every step takes simulations; most end after 4 to 12."""
 TOLERANCE = 3e-6  # of the summed logarithms of residual power: at most 0.1 standard errors
 SMALLEST_LENGTH = 1e-5
+DETERMINED = 1e-12
+"""Of the best determined direction, that one which a step follows has at least."""
 KEPT = 0.05
 """Of what a step promises, what it must bring;"""
 PATIENCE = 30
@@ -206,9 +209,7 @@ def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_], given: Flo
     if not here.finite:
         return move
     H, g = here.curvature[np.ix_(free, free)], (here.gradient - here.curvature @ move)[free]
-    size = np.sqrt(np.maximum(np.diag(H), 0))  # rounding leaves less than nothing where nothing is
-    size = np.where(size > 0, size, 1.0)
-    move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
+    move[free] = scaled_solve(H, g, DETERMINED)
     return move
 
 
