@@ -26,7 +26,7 @@ from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import project
-from sysid.fit.scaled import scaled_solve
+from sysid.fit.scaled import instrumental_inverse, scaled_solve
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
@@ -34,8 +34,7 @@ from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
-WORST_SETTLING = 1.01
-MOST_MOVES = 3
+WORST_SETTLING, MOST_MOVES = 1.01, 3
 DAMPED = 1e-2
 """Of each parameter's own weight: what the runs hardly determine does not run away."""
 SHY = 0.9
@@ -461,15 +460,16 @@ def covariance(one: Candidate, metric: Whitening) -> FloatArray:
     names, J = one.model.structure.names, metric(one.J)
     free = [names.index(name) for name in one.free]
     found = np.zeros((len(names), len(names)))
-    found[np.ix_(free, free)] = np.linalg.pinv(J @ J.T, hermitian=True)
+    found[np.ix_(free, free)] = instrumental_inverse(J, J)
     return found
 
 
 def _within_bounds(one: Candidate, H: FloatArray, g: FloatArray) -> FloatArray:
     """The step H move = g of the free parameters; what would pass its bounds goes there, and the rest follows."""
-    bounds = {parameter.name: parameter.bounds for parameter in one.model.structure.parameters}
-    low, high = np.array([bounds[name] for name in one.free]).T
+    known = {each.name: each for each in one.model.structure.parameters}
     here = np.array([one.model[name] for name in one.free])
+    low, high, null = np.array([(*known[name].bounds, known[name].null or 0.0) for name in one.free]).T
+    high = np.where(np.isposinf(null), np.minimum(high, 2 * here), high)  # by its slope none; beyond, a lag were a lead
     move, held = np.zeros(len(here)), np.zeros(len(here), dtype=bool)
     while not np.all(held):
         rest = ~held

@@ -16,12 +16,16 @@ DETERMINED, ASKED = 1e-10, 1e-9
 
 def scaled_solve(H: FloatArray, g: FloatArray, rank: float = DETERMINED) -> FloatArray:
     """x (n,) of H x = g, the least of all x where some directions of H (n, n) have less than `rank` of the most."""
-    size = np.sqrt(np.abs(np.diag(H)))
-    size = np.where(size > 0, size, 1.0)
+    size = _sizes(np.abs(np.diag(H)))
     return np.asarray(np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=rank)[0] / size)
 
 
 def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
     """(b, b): of asked moved^T, both (b, N); of what they ask in no direction, none."""
-    sizes = [np.maximum(np.sqrt(np.einsum("ij,ij->i", one, one)), 1e-300) for one in (moved, asked)]
+    sizes = [_sizes(np.einsum("ij,ij->i", one, one)) for one in (moved, asked)]
     return np.asarray(np.linalg.pinv((asked @ moved.T) / np.outer(sizes[1], sizes[0]), ASKED) / np.outer(*sizes))
+
+
+def _sizes(squares: FloatArray) -> FloatArray:
+    """Of what does nothing one, which leaves it nothing."""
+    return np.sqrt(np.where(squares > 0, squares, 1.0))
