@@ -32,7 +32,7 @@ IN_DOUBT = 0.5
 HIDES = 0.04
 """How often something hides behind a fit that is called complete: in 6 of 378 strangers of which three in five lacked
 nothing, in 32 of 286 where one in three did."""
-HARDLY_SEEN, HARDLY_NAMED, HARDLY_BOTH = math.log(1e-7), 0.894, 0.65
+HARDLY_SEEN, HARDLY_NAMED, HARDLY_BOTH = math.log(1e-7), 0.89, 0.65
 """Logarithm of the chance of noise, and confidence of one effect and of two, below which a name is no better than none:
 of 383 clean training strangers two showed one, at chances of 1e-4 and 1e-6, of 0.89 and less; of 170 that hid an effect
 five, three of them rightly. Where more is seen, names of so little confidence are mostly right."""

@@ -20,7 +20,6 @@ from sysid.diagnose.confidence import (
     NARROW,
     SURE_OF_A_MODE,
     UNEXPLAINED_IN_A_LOOP_RIGHT,
-    UNTOLD_RIGHT,
     lead,
     leaves_more,
     of_chain,
@@ -37,7 +36,7 @@ from sysid.diagnose.shares import A_LOOP_MAKES, Shares, least
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection, select
-from sysid.diagnose.thinned import samples_lost, untold
+from sysid.diagnose.thinned import samples_lost
 from sysid.diagnose.unsearched import Unsearched
 from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import Division
@@ -314,19 +313,13 @@ def _told(
     excited = reference.parent.division.measured
     chain = of_chain(ratio, short, among, excited)
     if chance is None:
-        return _named_sure(winner, of_single(ratio, shares.left(winner), among, excited) if single else chain)
+        return of_single(ratio, shares.left(winner), among, excited) if single else chain
     return _of_unexplained(winner, chance, of_named(ratio, short, among) if single else chain, reference, shares)
 
 
 def _sure(winner: Ranked, confidence: float) -> float:
     """No surer than answers of unstable models are, where it is one."""
     return confidence if winner.fit is None or winner.fit.model.stable else min(confidence, IN_A_LOOP_RIGHT)
-
-
-def _named_sure(winner: Ranked, confidence: float) -> float:
-    """No surer than names are from a log that does not tell how long commands were held."""
-    assert winner.fit is not None
-    return min(confidence, UNTOLD_RIGHT) if untold(winner.fit.dataset) else confidence
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Ranked | None:
