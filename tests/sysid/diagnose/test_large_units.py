@@ -18,7 +18,7 @@ from sysid.model.paper import TPP
 from sysid.model.structure import FloatArray
 
 TWO_POLES_FAR_ABOVE = 4016270
-"""A small helicopter in bursts whose servos have two poles at 161 Hz, far above the sweep, which sees their lateness alone."""
+"""A small helicopter in bursts whose servos have two poles at 161 Hz, of which a sweep sees that they are late."""
 
 
 def test_the_width_of_a_dead_band_counts_as_a_number_that_was_fitted() -> None:
