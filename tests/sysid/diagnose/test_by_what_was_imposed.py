@@ -3,12 +3,25 @@ is wrong there. By what is left where the excitation shows three of them are rig
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from strangers.asking import ask
 from strangers.flights import fly
 
 from sysid.data.band import USUAL
-from sysid.diagnose import by_noise, candidates, chains, choice, confidence, diagnose, likely, reach, shares, verdict
+from sysid.diagnose import (
+    by_noise,
+    candidates,
+    chains,
+    choice,
+    confidence,
+    diagnose,
+    evidence,
+    likely,
+    reach,
+    shares,
+    verdict,
+)
 from sysid.diagnose.evidence import Stepped
 from sysid.diagnose.shares import Shares
 from sysid.diagnose.verdict import Diagnosis
@@ -80,6 +93,8 @@ def test_what_simple_terms_explain_beside_another_does_not_outdo_it(monkeypatch:
     (bar,) = [one for one in found.candidates if one.effect == "stabiliser_bar"]
     assert bar.chi_squared < 0.1 * found.winner.chi_squared
     by_what_was_imposed(monkeypatch)
+    # the hair is also in steps that rounding cuts short
+    monkeypatch.setattr(evidence, "scaled_solve", lambda H, g: np.linalg.lstsq(H, g, rcond=1e-10)[0])
     found = asked(TOLD_BY_ITS_SPEED)
     assert (found.verdict, found.effect) == ("missing", "speed_stability")
     assert found.candidates[0].effect == "stabiliser_bar"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -22,6 +23,7 @@ from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP
+from sysid.model.parameter import Parameter
 from sysid.model.structure import Model
 
 BAND = (0.0, 15.0)
@@ -126,21 +128,34 @@ def test_what_runs_away_with_the_whole_step_moves_by_the_damped_one() -> None:
     assert list(evidence._steps(J[:0], np.zeros(2))) == []
 
 
-def test_a_step_ends_at_a_bound_and_the_rest_follows() -> None:
-    """Two that stand for each other: where a lag would have to be a lead, a gain takes what it can."""
+def at(values: dict[str, float], *parameters: Parameter) -> Candidate:
+    """One that has these parameters alone."""
 
     class Values(dict[str, float]):
         """Of a model."""
 
         structure: object
 
-    parameters = [SimpleNamespace(name="gain", bounds=(-10.0, 10.0)), SimpleNamespace(name="tau", bounds=(0.0, 1.0))]
-    model = Values(gain=0.0, tau=0.1)
+    model = Values(values)
     model.structure = SimpleNamespace(parameters=parameters)
-    one = cast(Candidate, SimpleNamespace(model=model, free=("gain", "tau")))
+    return cast(Candidate, SimpleNamespace(model=model, free=tuple(values)))
+
+
+def test_a_step_ends_at_a_bound_and_the_rest_follows() -> None:
+    """Two that stand for each other: where a lag would have to be a lead, a gain takes what it can."""
+    tau = Parameter("tau", "s", "", null=0.0, bounds=(0.0, 1.0))
+    one = at({"gain": 0.0, "tau": 0.1}, Parameter("gain", "1", "", bounds=(-10.0, 10.0)), tau)
     H, move = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -0.5])
     assert evidence._within_bounds(one, H, H @ move) == pytest.approx([(H @ move)[0] / 2 + 0.1 / 2, -0.1])
     assert evidence._within_bounds(one, H, H @ -move) == pytest.approx(-move)
+
+
+def test_no_step_makes_a_lead_of_poles_far_above() -> None:
+    """By its slope what is late by 1/f is not late any more at twice the frequency."""
+    frequency = Parameter("frequency", "Hz", "", null=math.inf, bounds=(1.0, 1e5))
+    one = at({"frequency": 600.0}, frequency)
+    assert evidence._within_bounds(one, np.eye(1), np.array([5000.0])) == pytest.approx([600.0])
+    assert evidence._within_bounds(one, np.eye(1), np.array([-200.0])) == pytest.approx([-200.0])
 
 
 def test_values_whose_motion_does_not_settle_are_no_candidate() -> None:

