@@ -18,7 +18,7 @@ from sysid.diagnose.candidates import (
     heard,
     values_outside,
 )
-from sysid.diagnose.evidence import Candidate, refit
+from sysid.diagnose.evidence import Candidate, White, refit
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
@@ -30,6 +30,8 @@ from sysid.model.structure import Model, Structure
 KEPT, KEPT_ON_SAMPLES = 0.5, 0.7
 """Of the chi squared that a score promises, what a refit explains at least that was in the right valley; a limit far
 below the gusts had half of it, in a valley of these."""
+FAR = 0.5
+"""Of a value: a limit of 24 1/s was left at 90, where it explains little, and its slope promised much further down."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_BESIDE = 0.1
@@ -246,12 +248,22 @@ def _as_promised(
     again = refit_or_reason(composed, parent, one.effects, begin)[0] if short and composed.linear else None
     if again is not None and explained_by(again, parent, metric) > explained:
         fit, explained = again, explained_by(again, parent, metric)
-    if fit is None or explained >= promised or not parent.division.measured:
+    if fit is None or not parent.division.measured or (explained >= promised and not _has_far_to_go(fit, parent)):
         return fit, False
     again = by_the_noise(fit, begin, metric)
     if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
         return fit, False
     return again, True
+
+
+def _has_far_to_go(fit: Candidate, parent: Candidate) -> bool:
+    """Whether what is not linear would yet move by more than FAR in the parent's metric: what it explains is then what
+    a slope promises, far from where it was taken."""
+    own = [name for name in fit.free if name not in parent.free]
+    if fit.model.structure.linear or not own:
+        return False
+    move = dict(zip(fit.free, White.of(fit, parent.metric).move(fit).tolist(), strict=True))
+    return any(abs(move[name]) > FAR * abs(fit.model[name]) for name in own)
 
 
 def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
