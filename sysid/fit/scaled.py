@@ -16,7 +16,7 @@ DETERMINED, ASKED = 1e-10, 1e-9
 
 def scaled_solve(H: FloatArray, g: FloatArray, rank: float = DETERMINED) -> FloatArray:
     """x (n,) of H x = g, the least of all x where some directions of H (n, n) have less than `rank` of the most."""
-    size = _sizes(np.abs(np.diag(H)))
+    size = _sizes(np.diag(H))
     return np.asarray(np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=rank)[0] / size)
 
 
@@ -27,5 +27,5 @@ def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
 
 
 def _sizes(squares: FloatArray) -> FloatArray:
-    """Of what does nothing one, which leaves it nothing."""
+    """Of what does nothing, or less than that by rounding, one, which leaves it nothing."""
     return np.sqrt(np.where(squares > 0, squares, 1.0))

@@ -46,3 +46,8 @@ def test_what_does_nothing_has_no_inverse() -> None:
     assert found[1] == pytest.approx(0, abs=1e-12)
     assert found[:, 1] == pytest.approx(0, abs=1e-12)
     assert found[np.ix_(kept, kept)] == pytest.approx(np.linalg.inv(J[kept] @ J[kept].T))
+
+
+def test_what_rounding_leaves_of_nothing_moves_nothing() -> None:
+    H, g = np.array([[2.0, 0.0], [0.0, -1e-22]]), np.array([1.0, 1e-14])
+    assert scaled_solve(H, g) == pytest.approx([0.5, 0.0], abs=1e-12)
