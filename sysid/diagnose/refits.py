@@ -213,7 +213,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
-        fit = predicting(fit, parent)
+        fit = max(predicting(fit, parent), fit, key=lambda each: explained_by(each, parent, parent.metric))
     fit = moved_on(fit, parent, astray)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
