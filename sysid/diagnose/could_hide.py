@@ -233,13 +233,11 @@ class _Asking:
 
     def _limit(self, point: _Point, Z1: FloatArray, g: FloatArray) -> tuple[FloatArray, float]:
         """Sizes that move a watched parameter most, and how far from the structure they are in standard errors."""
-        gram = Z1 @ Z1.T
-        scale = np.sqrt(np.diag(gram))
-        C = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+        C = instrumental_inverse(Z1, Z1)
         guess = C @ (Z1 @ self.stepped.residual)
-        needed = self.needed(len(scale))
-        best, most = np.zeros(len(scale)), -1.0
-        for each in g if np.any(g) else np.eye(len(scale)):
+        needed = self.needed(len(Z1))
+        best, most = np.zeros(len(Z1)), -1.0
+        for each in g if np.any(g) else np.eye(len(Z1)):
             spread = math.sqrt(max(float(each @ C @ each), 1e-300))
             for sign in (1.0, -1.0):
                 reach = max(sign * float(each @ guess) + UPPER * spread, needed * spread)

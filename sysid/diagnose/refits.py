@@ -213,7 +213,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
-        fit = max(predicting(fit, parent), fit, key=lambda each: explained_by(each, parent, parent.metric))
+        fit = _likelier(predicting(fit, parent), fit, parent)
     fit = moved_on(fit, parent, astray)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
@@ -229,9 +229,15 @@ def moved_on(fit: Candidate, parent: Candidate, astray: bool = False) -> Candida
     itself where it is known to be `astray`."""
     if not (astray or misled(fit, parent.metric)):
         return fit
-    again = by_its_own_noise(fit, fit.metric if astray else parent.metric)
-    better = explained_by(again, parent, parent.metric) > explained_by(fit, parent, parent.metric)
-    return again if better else fit
+    return _likelier(by_its_own_noise(fit, fit.metric if astray else parent.metric), fit, parent)
+
+
+def _likelier(again: Candidate, fit: Candidate, parent: Candidate) -> Candidate:
+    """The one of two fits that explains more in the parent's metric."""
+    if again is fit:
+        return fit
+    more = explained_by(again, parent, parent.metric) > explained_by(fit, parent, parent.metric)
+    return again if more else fit
 
 
 def _as_promised(

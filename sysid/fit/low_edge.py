@@ -20,6 +20,7 @@ from sysid.fit.checks import Check
 from sysid.fit.estimate import Weights, asked_with, free_of, weights_at
 from sysid.fit.identifiable import size
 from sysid.fit.rows import project, rows, smooth
+from sysid.fit.scaled import scaled_inverse
 from sysid.fit.whitening import weighed
 from sysid.model.acting import jumping
 from sysid.model.predict import respond
@@ -187,10 +188,9 @@ def _step(parts: Sequence[Part], edge_hz: float) -> _Step | None:
         padded = np.zeros_like(one.columns[1 + count :])
         padded[..., above] = Z.view(complex).reshape(count, padded.shape[1], -1)
         asked.append(padded)
-    size = np.sqrt(np.abs(np.diag(curvature)))
-    if np.any(size == 0) or np.linalg.cond(curvature / np.outer(size, size)) > WORST_CONDITION:
+    inverse = scaled_inverse(curvature, WORST_CONDITION)
+    if inverse is None:
         return None
-    inverse = np.linalg.inv(curvature / np.outer(size, size)) / np.outer(size, size)
     return _Step(inverse @ gradient, [np.tensordot(inverse, Z, 1) for Z in asked])
 
 

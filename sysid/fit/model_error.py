@@ -29,6 +29,7 @@ from sysid.fit.estimate import Weights, free_of, weights_at
 from sysid.fit.low_edge import WORST_CONDITION, Part, parts_of
 from sysid.fit.result import Fit, ModelError
 from sysid.fit.rows import project, rows
+from sysid.fit.scaled import scaled_inverse
 from sysid.fit.whitening import weighed
 from sysid.model.acting import jumping
 from sysid.model.predict import respond
@@ -78,7 +79,7 @@ def model_errors(
         judging = None if validation is None or not validation.spectra else _Cells.of(model, validation, free, weights)
     except (RelaxationError, np.linalg.LinAlgError):
         return {}
-    whole = _inverse(cells.curvature.sum(axis=0))
+    whole = scaled_inverse(cells.curvature.sum(axis=0), WORST_CONDITION)
     if whole is None:
         return {}
     clocks = np.abs(whole @ cells.shift.sum(axis=0))
@@ -162,17 +163,6 @@ def _cells(part: Part, late: ComplexArray, edges: FloatArray, run: int) -> list[
     return found
 
 
-def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """None where it determines nothing."""
-    size = np.sqrt(np.abs(np.diag(curvature)))
-    if not np.all(np.isfinite(curvature)) or np.any(size == 0):
-        return None
-    scaled = curvature / np.outer(size, size)
-    if np.linalg.cond(scaled) > WORST_CONDITION:
-        return None
-    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))
-
-
 def _disagreement(cells: _Cells, whole: FloatArray, label: NDArray[np.int64]) -> FloatArray:
     """Standard deviations (free,) of the estimate as bins of one label after the other left out have it, beyond chance.
 
@@ -189,7 +179,7 @@ def _disagreement(cells: _Cells, whole: FloatArray, label: NDArray[np.int64]) ->
     for one in labels:
         here = label == one
         Hc, Vc = cells.curvature[here].sum(axis=0), cells.variance[here].sum(axis=0)
-        rest = _inverse(H - Hc)
+        rest = scaled_inverse(H - Hc, WORST_CONDITION)
         if rest is None:
             continue
         move = rest @ (cells.gradient[here].sum(axis=0) - Hc @ step)
@@ -206,7 +196,7 @@ def _moved_by(cells: _Cells, whole: FloatArray, judging: _Cells) -> FloatArray:
     """By how much these other runs, fitted too, would move the estimate, beyond chance, (free,)."""
     H, V = cells.curvature.sum(axis=0), cells.variance.sum(axis=0)
     Hv, Vv = judging.curvature.sum(axis=0), judging.variance.sum(axis=0)
-    both = _inverse(H + Hv)
+    both = scaled_inverse(H + Hv, WORST_CONDITION)
     if both is None:
         return np.zeros(len(H))
     pull = Hv @ whole

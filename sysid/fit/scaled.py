@@ -20,6 +20,17 @@ def scaled_solve(H: FloatArray, g: FloatArray, rank: float = DETERMINED) -> Floa
     return np.asarray(np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=rank)[0] / size)
 
 
+def scaled_inverse(curvature: FloatArray, worst: float) -> FloatArray | None:
+    """(n, n); None where it determines nothing, or its condition in these units is worse than that."""
+    size = np.sqrt(np.abs(np.diag(curvature)))
+    if not np.all(np.isfinite(curvature)) or np.any(size == 0):
+        return None
+    scaled = curvature / np.outer(size, size)
+    if np.linalg.cond(scaled) > worst:
+        return None
+    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))
+
+
 def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
     """(b, b): of asked moved^T, both (b, N); of what they ask in no direction, none."""
     sizes = [_sizes(np.einsum("ij,ij->i", one, one)) for one in (moved, asked)]
