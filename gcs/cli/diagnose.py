@@ -43,17 +43,18 @@ one, or one before, while single effects are asked, ends the command without an 
 
 What matters is what could change the margins of the loop that `tippath design` would close on the fit by 1 dB or 5
 degrees, or by --matters. What is left and seen is bounded by its 95 % limit at the loop's crossings, what is not seen
-by the effects that could hide. Up to 0.3 points of fit that no effect explains and that do not matter make a fit
-complete; what has a name does so only where that is a guess and hardly more than chance, or with --matters.
+by the effects that could hide. Up to 0.3 points of fit that no effect explains and that do not matter, or that no entry
+is likelier for and that are hardly more than chance, make a fit complete; what has a name does so only where that is a
+guess and hardly more than chance, or with --matters.
 
 Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
 removes at least 90 % of the avoidable error (80 % where no excitation is logged) and shows on validation runs, at
 plausible values; by the noise's spectrum, where 70 % are removed or gusts leave the power uncertain; "unexplained",
 there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
 allow "stands in" for something else; one whose size is another on the validation runs only resembles what is there. The
-reason "feedback" says that no excitation is logged and that the loop alone could make what is left: no alarm. With
---repeat the effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the
-fit with all that was found.
+reason "feedback" says that no excitation is logged and that the loop alone could make what is left, or noise flown with
+chirps in a log that lost samples of it: no alarm. With --repeat the effect is added and the question asked again, until
+the answer is another one or is not sure; -o keeps the fit with all that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often

@@ -12,7 +12,7 @@ class is the fewest answers that together are nearly certain.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -91,16 +91,43 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     )
 
 
-def where_samples_are_lost(among: Class, winner: Ranked, candidates: Sequence[Ranked]) -> Class:
+def where_samples_are_lost(
+    among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = ()
+) -> Class:
     """The class on a log that lost samples of the commands: what a play or a dead band makes of small commands hangs on
-    every one of them, so that neither is the truth on such a log, and the nearer need not be the right one."""
-    if len(winner.effects) > 1 or not _on_samples(winner):
+    every one of them, so that neither is the truth on such a log, and the nearer need not be the right one. Nor is it
+    beside another half of a chain."""
+    if len(winner.effects) > 1:
+        others = _in_the_place_of_a_half(winner, singles, chains)
+    elif _on_samples(winner):
+        others = [(one, one.effect, BETWEEN_SAMPLES * winner.chi_squared) for one in singles if _on_samples(one)]
+    else:
         return among
-    least = BETWEEN_SAMPLES * winner.chi_squared
     known = {*winner.effects, *among.alike, *(name for names in among.equivalent.values() for name in names)}
-    others = [one for one in candidates if one.fit is not None and not one.implausible and _on_samples(one)]
-    more = [one.effect for one in others if one.chi_squared >= least and one.effect not in known]
-    return replace(among, alike=(*among.alike, *more))
+    allowed = set(winner.implausible)
+    more = [
+        name
+        for one, name, least in others
+        if one.fit is not None and set(one.implausible) <= allowed and one.chi_squared >= least and name not in known
+    ]
+    return replace(among, alike=(*among.alike, *dict.fromkeys(more)))
+
+
+def _in_the_place_of_a_half(
+    winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked]
+) -> Iterator[tuple[Ranked, str, float]]:
+    """Other chains that have, in the place of a half that acts on samples, another that does; its name, and chi squared
+    from which on it is as good, beside what the half that stays explains alone."""
+    alone = {one.effect: one.chi_squared for one in singles if one.fit is not None}
+    for half, other in (winner.effects, winner.effects[::-1]):
+        if not _acts_on_samples(winner, half):
+            continue
+        kept = max(0.0, alone.get(other, 0.0))
+        least = kept + BETWEEN_SAMPLES * (winner.chi_squared - kept)
+        for one in chains:
+            name = next((each for each in one.effects if each not in winner.effects), None)
+            if name is not None and other in one.effects and _acts_on_samples(one, name):
+                yield one, name, least
 
 
 def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
@@ -131,6 +158,10 @@ def twins(one: Ranked, other: Ranked) -> bool:
 
 def _on_samples(one: Ranked) -> bool:
     return all(effect.samples is not None for effect in one.own)
+
+
+def _acts_on_samples(chain: Ranked, half: str) -> bool:
+    return any(effect.samples is not None and half in (effect.id, effect.path) for effect in chain.own)
 
 
 def _impossible(one: Ranked) -> set[str]:

@@ -109,13 +109,14 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
     """The diagnosis as what matters has it.
 
     `complete` then says that nothing that matters is left. What nothing explains and does not matter is nothing, where
-    it is little; what is missing by name only where it is hardly seen, too, or the limit was asked for (`asked`).
+    it is little, or what is hardly seen and no entry is likelier for, however vaguely it is known what that does to
+    margins; what is missing by name only where it is hardly seen, too, or the limit was asked for (`asked`).
     """
     if answer.verdict == "complete":
         return replace(answer, confidence=answer.confidence * (1 - HIDES * left.unseen))
     change = winner_change(answer) if answer.verdict == "missing" else left.seen
     harmless = change is not None and change.over(left.limit) <= 1
-    hardly = hardly_seen(answer) and harmless
+    hardly = (hardly_seen(answer) and harmless) or (not answer.chain and answer.log_chance > HARDLY_SEEN)
     nothing = hardly or (answer.verdict == "unexplained" and (harmless or change is None))
     little = left.within_points <= LITTLE_POINTS and nothing
     if answer.reason is not None or not (little or (asked and harmless)):

@@ -88,6 +88,12 @@ def samples_lost(runs: Dataset) -> bool:
     return untold(runs) or any(lost_commands(piece.dt, piece.record) for piece in runs.pieces)
 
 
+def noise_lost(runs: Dataset) -> bool:
+    """Whether noise was flown with chirps whose every sample the log has not: what it did between those that are there,
+    nobody knows, and what of it folds back the vehicle never got."""
+    return samples_lost(runs) and any(piece.record.chirp_noise for piece in runs.pieces)
+
+
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:
     """1 for rows (N,) at whose frequencies the log shows how large small commands are, else 0; None where it has every
     loop."""

@@ -19,6 +19,7 @@ from sysid.diagnose.confidence import (
     NAMED_IN_A_LOOP,
     NARROW,
     SURE_OF_A_MODE,
+    TOLD_IN_A_LOOP,
     UNEXPLAINED_IN_A_LOOP_RIGHT,
     lead,
     leaves_more,
@@ -272,12 +273,12 @@ def _answer(
     compared = _compared(winner, reference) if enough and not stands_in else ()
     missing = enough and not stands_in and _hold(compared)
     peers = singles if len(chain) == 1 else pairs
-    among = _declared(winner, _answers(peers, shares, enough), singles)
+    among = _declared(winner, _answers(peers, shares, enough), singles, pairs)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
-    told = of_chain(ratio, shares.short(winner), among, reference.parent.division.measured)
+    told = _told(winner, among, ratio, shares, reference, None)
     doubtful = len(chain) > 1 and _only_resembles(winner, named, told)
-    missing = missing and not doubtful and not _made_by_the_loop(winner, named, shares, reference, chance)
+    missing = missing and not doubtful and not _made_by_the_loop(winner, named, told, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -285,7 +286,7 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=_sure(winner, _told(winner, among, ratio, shares, reference, None if missing else chance)),
+        confidence=_sure(winner, told if missing else _told(winner, among, ratio, shares, reference, chance)),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
@@ -298,11 +299,11 @@ def _only_resembles(chain: Ranked, named: float, told: float) -> bool:
     return named < CHAIN_NAMED or told < CHAIN_TOLD or leaves_more(chain)
 
 
-def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked]) -> Class:
+def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Class:
     """Also by what the log lost of the commands."""
     assert winner.fit is not None
     among = with_twins(declared(winner, answers), winner, singles)
-    return where_samples_are_lost(among, winner, singles) if samples_lost(winner.fit.dataset) else among
+    return where_samples_are_lost(among, winner, singles, pairs) if samples_lost(winner.fit.dataset) else among
 
 
 def _told(
@@ -336,16 +337,19 @@ def _hold(sizes: Sequence[Size]) -> bool:
     return all(one.off <= LARGEST_DIFFERENCE for one in sizes)
 
 
-def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
+def _made_by_the_loop(
+    winner: Ranked, confidence: float, as_told: float, shares: Shares, reference: Reference, chance: float
+) -> bool:
     """Whether a name is one by chance of what the loop alone could make: what it makes is of no entry's form, so that
     one which leaves hardly any of much is told, however near others come; of doubtful values only where it is sure, of
-    little only a narrow mode."""
+    little only a narrow mode. What would be told to be likelier wrong (`as_told`) is no name."""
     much, sure = chance <= A_LOOP_MAKES, confidence >= NAMED_IN_A_LOOP
     formed = misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared
     if winner.outside:
         told = (sure and much) or (formed and confidence >= SURE_OF_A_MODE and _is_a_narrow_mode(winner))
     else:
         told = sure or (much and formed)
+    told = told and as_told >= TOLD_IN_A_LOOP
     return not told and shares.by_feedback(reference.parent.division, chance)
 
 

@@ -7,12 +7,11 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.data.stacks import FEWEST_BINS, Stack, stack
+from sysid.data.stacks import FEWEST_BINS, Stack
 from sysid.errors import FitError
 from sysid.fit.gauss_newton import gauss_newton_step, minimise, normal_equations
 from sysid.fit.output_error import axis_weights, output_error
@@ -132,10 +131,10 @@ class _Valleys:
             ],
         )
 
-    def acted(self, begin: Mapping[str, float], stacks: Sequence[Stack] | None = None) -> list[Stack]:
-        """The stacks, or these of their segments, with the commands as they act at this beginning."""
+    def acted(self, begin: Mapping[str, float]) -> list[Stack]:
+        """The stacks with the commands as they act at this beginning."""
         values = self.structure.vector({**self.known, **begin})
-        return [behind(self.structure, values, group) for group in (self.stacks if stacks is None else stacks)]
+        return [behind(self.structure, values, group) for group in self.stacks]
 
     def tried(self, begin: Mapping[str, float], groups: Sequence[Stack] | None = None) -> Trial:
         """What acts on samples stays as it begins, simulated once; the rest is fitted in a few steps."""
@@ -160,17 +159,9 @@ class _Valleys:
         return (cost if np.isfinite(cost) and not self._idle(groups) else np.inf), whole
 
     def glanced(self, begin: Mapping[str, float]) -> float:
-        """The cost that one step of what follows would reach on few segments, what acts on samples as it begins."""
-        groups = self.acted(begin, self._busiest)
+        """The cost that one step of what follows would reach, what acts on samples as it begins."""
+        groups = self.acted(begin)
         return self._after_a_step(self.rest, {**self.known, **begin}, groups, axis_weights(groups, self.power))
-
-    @cached_property
-    def _busiest(self) -> list[Stack]:
-        """Of each command the segment in which it moves most."""
-        segments = [one for group in self.stacks for one in group.spectra]
-        moved = np.array([np.linalg.norm(one.U, axis=1) / one.samples**0.5 for one in segments])
-        commands = len(self.structure.base_.commands)
-        return stack([segments[number] for number in sorted(set(np.argmax(moved[:, :commands], axis=0).tolist()))])
 
     def _idle(self, groups: Sequence[Stack]) -> bool:
         """Whether no sample is touched: there is no derivative then either, and nothing to begin at."""

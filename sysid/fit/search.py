@@ -2,8 +2,9 @@
 
 Where one jump of a dead band falls elsewhere, all that follow do. So the cost over its width is rough, with one narrow
 cleft where the jumps are those that flew, at times 0.6 % of the width wide. Averaged over neighbouring widths the
-commands are smooth again, and the cost shows near which width the cleft is; there it is looked for point by point, on
-few segments, and tried on all where these show it.
+commands are smooth again, and the cost shows near which width the cleft is; there it is looked for point by point, by
+one step of what follows, and tried where that shows it. On all segments: where a log lost some of the samples a few of
+them hardly show it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ WIDE, WINDOW, FINE, NARROW, FINEST = 1.2, 1.4, 1.004, 1.02, 1.0002
 """Ratios: between the values of the first look; from its best to the ends of the second; between the values of that
 one; where halving the distance begins, and where it ends."""
 TRIED = 8
-"""Values of the second look that are tried on all segments."""
+"""Values of the second look that are tried."""
 
 
 def search_nonsmooth(
@@ -36,7 +37,7 @@ def search_nonsmooth(
     """The model of lowest cost over one parameter, first between `ends` > 0; the others begin at `begin`.
 
     `acted` gives the stacks with the commands as they act, `tried` fits what follows to them: on all bins, because a
-    simulation costs as much. `glanced` is a cost that is had at once.
+    simulation costs as much. `glanced` is a cost that is had at once, by one step.
     """
 
     def at(model: Model, value: float) -> dict[str, float]:

@@ -15,6 +15,7 @@ from gcs.analysis.text.progress import before_pairs_words
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.shares import least
+from sysid.diagnose.thinned import noise_lost
 from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
@@ -143,6 +144,8 @@ def answer(last: Diagnosis) -> str:
     if last.verdict == "complete":
         return f"complete: what is left {'is noise' if last.noise_left else 'does not matter'}"
     if last.reason == "feedback":
+        if noise_lost(last.parent.dataset):
+            return "unexplained: no excitation is logged, and noise on chirps that the log lost could make it: log both"
         return "unexplained: no excitation is logged, and feedback alone could make what is left: log the excitation"
     if winner is None or winner.fit is None:
         what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"

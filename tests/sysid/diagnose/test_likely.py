@@ -187,6 +187,29 @@ def test_where_samples_of_commands_are_lost_play_and_a_dead_band_are_one_answer(
     assert likely.where_samples_are_lost(told, lag, others).alike == ()  # a lag does not hang on samples
 
 
+def test_where_samples_are_lost_they_are_one_answer_beside_another_effect_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gyros that lag beside a dead band in a log of every second sample were named beside play; either way half of what
+    the lag leaves is explained."""
+    monkeypatch.setattr(Ranked, "own", property(lambda one: tuple(catalogue()[name] for name in one.effects)))
+
+    def chain(half: str, chi_squared: float, **also: object) -> Ranked:
+        return replace(refitted("gyro_lag", **also), effects=("gyro_lag", half), chi_squared=chi_squared)
+
+    lag, play = refitted("gyro_lag", chi_squared=4000.0), chain("servo_backlash", 7000.0)
+    told = declared(play, [play])
+    for band, alike in (
+        (chain("servo_deadband", 5100.0), ("servo_deadband",)),
+        (chain("servo_deadband", 4900.0), ()),  # too little beside what the lag does alone
+        (chain("servo_deadband", 5100.0, implausible=("width",)), ()),
+        (chain("inertia_coupling", 6900.0), ()),  # hangs on no samples
+        (replace(chain("servo_deadband", 6900.0), effects=("servo_lag", "servo_deadband")), ()),  # beside another
+    ):
+        assert likely.where_samples_are_lost(told, play, [lag], [play, band]).alike == alike
+    doubtful = replace(play, implausible=("tau_g",))
+    band = chain("servo_deadband", 5100.0, implausible=("tau_g",))
+    assert likely.where_samples_are_lost(told, doubtful, [lag], [doubtful, band]).alike == ("servo_deadband",)
+
+
 @pytest.mark.parametrize(
     ("other_half", "told"),
     [("servo_backlash", {"servo_lag": ("gyro_lag",)}), ("input_coupling", {"servo_lag": ("gyro_lag",)}),

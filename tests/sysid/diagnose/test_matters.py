@@ -91,6 +91,18 @@ def test_what_nothing_explains_and_does_not_matter_is_complete(clean: Diagnosis)
 
 
 @pytest.mark.usefixtures("few_effects_in_module")
+def test_a_trace_that_no_entry_is_likelier_for_is_complete_though_margins_hardly_tell(clean: Diagnosis) -> None:
+    """Noise on chirps folds back in a log of 50 Hz: 0.02 points of fit at 1e-5, of unknown margins."""
+    trace = replace(clean, verdict="unexplained", log_chance=math.log(1e-5))
+    unknown = replace(LEFT, seen=MarginChange(gain_db=4.0, phase_deg=1.0))
+    answer = judged(trace, unknown)
+    assert (answer.verdict, answer.confidence) == ("complete", 0.5)
+    for other in (replace(trace, log_chance=math.log(1e-8)), replace(trace, chain=("x",))):
+        assert judged(other, unknown) is other
+    assert judged(trace, replace(unknown, within_points=0.4)) is trace
+
+
+@pytest.mark.usefixtures("few_effects_in_module")
 def test_what_has_a_name_is_missing_unless_a_limit_was_asked_for(clean: Diagnosis) -> None:
     named = replace(clean, verdict="missing", effect="servo_lag", chain=("servo_lag",), log_chance=-50.0)
     assert judged(named, LEFT) is named

@@ -9,6 +9,7 @@ import pytest
 from planted import FORWARD, PLANTED, TABLE_4, fly
 from planted_fits import READ_FROM_THE_BASE, fitted, in_standard_errors, records
 from strangers.asking import records as logged
+from strangers.flights import fly as fly_strange
 from study_findings import FIRST_SEED, Setting, flown
 
 from sysid.fit.identify import identify
@@ -49,6 +50,15 @@ def test_a_dead_band_is_found_whose_cleft_is_half_a_hundredth_of_its_width() -> 
     runs = logged(flown(Setting(seconds=12.0), FIRST_SEED + 1, "servo_deadband", {"width": 0.03}))
     fit = identify(compose("tpp"), runs, effects=["servo_deadband"])
     assert fit.model["width"] == pytest.approx(0.03, rel=1e-3)
+
+
+def test_a_dead_band_is_found_in_a_log_that_has_every_second_sample_of_its_loop() -> None:
+    """Some jumps fall elsewhere there than they did: the busiest segment of each command did not show the cleft, and a
+    width of 0.019 was found beside gyros that lag."""
+    strange = fly_strange(4024348)
+    fit = identify(compose("tpp"), logged(strange)[: strange.plan.fitted], effects=["gyro_lag", "servo_deadband"])
+    assert strange.hidden.sizes[0]["width"] == pytest.approx(0.02632, rel=1e-3)
+    assert fit.model["width"] == pytest.approx(strange.hidden.sizes[0]["width"], rel=0.01)
 
 
 def test_what_is_held_is_held_while_the_rest_is_fitted() -> None:

@@ -143,6 +143,7 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
         mode=None,
         validation=None,
         new_share=0.01,
+        noise_lost=False,
         most_explained=0.0,
         most_paid=0.0,
         paid_with=0.0,
@@ -154,6 +155,9 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
     assert [much.by_feedback(found.division, chance) for chance in (weak, plain)] == [True, False]
     assert not left.by_feedback(found.division, strong), "that much no loop makes"
     assert not left.by_feedback(logged.division, weak)
+    folded = replace(much, noise_lost=True)
+    assert [folded.by_feedback(found.division, chance) for chance in (weak, plain, strong)] == [True] * 3
+    assert not folded.by_feedback(logged.division, strong), "an excitation tells what the loop did"
     told = replace(found, verdict="unexplained", reason="feedback")
     assert told.to_json()["reason"] == "feedback"
     assert "no excitation is logged" in answer(told)
