@@ -98,7 +98,7 @@ def where_samples_are_lost(
     every one of them, so that neither is the truth on such a log, and the nearer need not be the right one. Nor is it
     beside another half of a chain."""
     if len(winner.effects) > 1:
-        others = _in_the_place_of_a_half(winner, singles, chains)
+        others = [*_in_the_place_of_a_half(winner, singles, chains)]
     elif _on_samples(winner):
         others = [(one, one.effect, BETWEEN_SAMPLES * winner.chi_squared) for one in singles if _on_samples(one)]
     else:

@@ -18,6 +18,7 @@ from sysid.diagnose.confidence import (
     LEFT_OF_A_FORM,
     NAMED_IN_A_LOOP,
     NARROW,
+    SHOWN_IN_A_LOOP,
     SURE_OF_A_MODE,
     TOLD_IN_A_LOOP,
     UNEXPLAINED_IN_A_LOOP_RIGHT,
@@ -342,14 +343,14 @@ def _made_by_the_loop(
 ) -> bool:
     """Whether a name is one by chance of what the loop alone could make: what it makes is of no entry's form, so that
     one which leaves hardly any of much is told, however near others come; of doubtful values only where it is sure, of
-    little only a narrow mode. What would be told to be likelier wrong (`as_told`) is no name."""
+    little only a narrow mode. What is told to be likelier wrong (`as_told`) and hardly shows by power is no name."""
     much, sure = chance <= A_LOOP_MAKES, confidence >= NAMED_IN_A_LOOP
     formed = misfit(winner) <= LEFT_OF_A_FORM * winner.chi_squared
     if winner.outside:
         told = (sure and much) or (formed and confidence >= SURE_OF_A_MODE and _is_a_narrow_mode(winner))
     else:
         told = sure or (much and formed)
-    told = told and as_told >= TOLD_IN_A_LOOP
+    told = told and (as_told >= TOLD_IN_A_LOOP or (winner.explained_share or 0.0) >= SHOWN_IN_A_LOOP)
     return not told and shares.by_feedback(reference.parent.division, chance)
 
 

@@ -36,6 +36,11 @@ class Parameter:
         exponent, of whatever has a size beside it."""
         return self.null is not None and self.null != self.typical
 
+    @property
+    def tied(self) -> bool:
+        """Whether physics allows none of it in free flight: on a tether or a stand there may be."""
+        return self.plausible == (self.null, self.null)
+
     def implausible(self, value: float, error: float = 0.0) -> bool:
         """Whether physics does not allow an estimate: all that it allows lies beyond SURELY of its standard errors.
 

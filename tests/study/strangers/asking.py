@@ -18,6 +18,7 @@ from sysid.diagnose.matters import hardly_seen, judged, remainder
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit
+from sysid.model.effect import catalogue
 
 AXES = ("roll", "pitch")
 
@@ -84,9 +85,16 @@ def ask(stranger: Stranger) -> Answer:
     early = clocks(found)
     taken = time.process_time() - begin
     second = None
-    if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
+    if len(stranger.hidden.names) == 2 and found.effect is not None and _is_added(found):
         second = diagnose(on_runs(base, (found.effect,), runs, fitted), fitted, judging, band_hz)
     return Answer(found, second, None if early is None else type(early).__name__, taken)
+
+
+def _is_added(found: Diagnosis) -> bool:
+    """Whether the user adds the effect: one that is named, or stands in and is none in free flight alone. Whoever flies
+    knows whether there is a tether."""
+    tied = found.effect in catalogue() and all(each.tied for each in catalogue()[found.effect].parameters)
+    return found.verdict == "missing" or (found.stands_in and tied)
 
 
 def weighed(answer: Diagnosis) -> Diagnosis:

@@ -192,8 +192,9 @@ def test_where_samples_are_lost_they_are_one_answer_beside_another_effect_too(mo
     the lag leaves is explained."""
     monkeypatch.setattr(Ranked, "own", property(lambda one: tuple(catalogue()[name] for name in one.effects)))
 
-    def chain(half: str, chi_squared: float, **also: object) -> Ranked:
-        return replace(refitted("gyro_lag", **also), effects=("gyro_lag", half), chi_squared=chi_squared)
+    def chain(half: str, chi_squared: float, implausible: tuple[str, ...] = ()) -> Ranked:
+        fit = refitted("gyro_lag", chi_squared=chi_squared, implausible=implausible)
+        return replace(fit, effects=("gyro_lag", half))
 
     lag, play = refitted("gyro_lag", chi_squared=4000.0), chain("servo_backlash", 7000.0)
     told = declared(play, [play])
