@@ -22,6 +22,7 @@ from sysid.diagnose.chains import LITTLE_POINTS
 from sysid.diagnose.confidence import COMPLETE_RIGHT
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.loop_change import UPPER, Limit, MarginChange, held_gains, of_margins, seen
+from sysid.diagnose.thinned import noise_lost
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.result import finite
 
@@ -119,11 +120,13 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
     hardly = (hardly_seen(answer) and harmless) or (not answer.chain and answer.log_chance > HARDLY_SEEN)
     nothing = hardly or (answer.verdict == "unexplained" and (harmless or change is None))
     little = left.within_points <= LITTLE_POINTS and nothing
-    if answer.reason is not None or not (little or (asked and harmless)):
+    by_the_loop = answer.reason is not None and not noise_lost(answer.parent.dataset)
+    if by_the_loop or not (little or (asked and harmless)):
         return answer
     return replace(
         answer,
         verdict="complete",
+        reason=None,
         effect=None,
         stands_in=False,
         chain=(),

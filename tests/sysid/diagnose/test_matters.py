@@ -77,7 +77,9 @@ def test_complete_means_that_nothing_that_matters_is_left(clean: Diagnosis) -> N
 
 
 @pytest.mark.usefixtures("few_effects_in_module")
-def test_what_nothing_explains_and_does_not_matter_is_complete(clean: Diagnosis) -> None:
+def test_what_nothing_explains_and_does_not_matter_is_complete(
+    clean: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
     unexplained = replace(clean, verdict="unexplained", log_chance=-50.0)
     answer = judged(unexplained, LEFT)
     assert (answer.verdict, answer.confidence) == ("complete", 0.95)
@@ -88,6 +90,9 @@ def test_what_nothing_explains_and_does_not_matter_is_complete(clean: Diagnosis)
     assert judged(unexplained, large, asked=True).verdict == "unexplained"
     feedback = replace(unexplained, reason="feedback")
     assert judged(feedback, LEFT) is feedback
+    monkeypatch.setattr(matters, "noise_lost", lambda _: True)  # which moved the vehicle, and is bounded as all else
+    assert (judged(feedback, LEFT).verdict, judged(feedback, LEFT).reason) == ("complete", None)
+    assert judged(feedback, large) is feedback
 
 
 @pytest.mark.usefixtures("few_effects_in_module")
