@@ -36,6 +36,9 @@ to 1.07.)"""
 MOST_WHITENINGS = 3
 SETTLED = 0.02
 """Chi squared: a move by the noise that gains less is none; entries that predict the same have to end at the same."""
+OF_THE_REST, ABOUT_NOISE = 2e-3, 1.5
+"""Nor is one that gains less of what is left beyond noise, which is about 1 for each row and less than the second: what
+leaves much is no answer to the last digit, and took a tenth of the time of the longest diagnoses."""
 
 
 def predicting(fit: Candidate, parent: Candidate, begin: Model | None = None) -> Candidate:
@@ -124,7 +127,9 @@ def _moved(one: Candidate, white: White, metric: Whitening) -> tuple[Candidate, 
     itself may have no response."""
     loose = [one.model.structure.names.index(name) for name in one.free]
     step = SHY * white.move(one)
-    least = white.left - SETTLED
+    left = white.residual if white.shown is None else white.shown.caused(white.residual)
+    power = float(left @ left)
+    least = power - max(SETTLED, OF_THE_REST * (power - ABOUT_NOISE * left.size))
     for part in PARTS:
         values = one.model.values.copy()
         values[loose] += part * step
