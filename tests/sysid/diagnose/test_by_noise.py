@@ -24,7 +24,9 @@ def test_a_move_by_the_noise_gains_something_beside_what_is_left(
     here = np.full(ROWS, np.sqrt(power))
     there = np.full(ROWS, np.sqrt(power - gain / ROWS))
     structure = SimpleNamespace(names=("x",))
-    one = SimpleNamespace(free=("x",), model=SimpleNamespace(structure=structure, values=np.ones(1)), at=lambda _: one)
+    one = SimpleNamespace(
+        free=("x",), model=SimpleNamespace(structure=structure, values=np.ones(1)), at=lambda _: structure
+    )
     white = SimpleNamespace(residual=here, shown=None, move=lambda _: np.ones(1), power=lambda row: float(row @ row))
     monkeypatch.setattr(by_noise, "residual_at", lambda *_: there)
     monkeypatch.setattr(by_noise, "White", SimpleNamespace(of=lambda *_: white))
