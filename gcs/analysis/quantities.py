@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 
+from sysid.model.effect import tied
 from sysid.model.parameter import Parameter
 
 
@@ -54,6 +55,14 @@ def _unit(unit: str, value: float) -> tuple[float, str]:
     if unit == "s" and abs(value) < 1:
         return 1000.0, " ms"
     return 1.0, "" if unit == "-" else f" {unit}"
+
+
+def stands_in(names: str, effects: Iterable[str], outside: Collection[str]) -> str:
+    """What is said of effects, under these names, that explain what is left with parameters `outside` what physics
+    allows."""
+    if outside and set(outside) <= tied(effects):
+        return f"{names} would do it on a tether or a stand; in free flight it stands in"
+    return f"{names} would do it, but only at implausible values: it stands in"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import gain
-from sysid.model.effect import catalogue
+from sysid.model.effect import catalogue, tied
 
 TEMPER = 1.5
 """Times that differences of chi squared are too large, where noise is as it seems;"""
@@ -166,9 +166,7 @@ def _acts_on_samples(chain: Ranked, half: str) -> bool:
 
 def _impossible(one: Ranked) -> set[str]:
     """Its parameters that physics does not allow; what is none in free flight alone, a tether or a stand may be."""
-    added = [catalogue()[name] for name in one.effects if name in catalogue()]
-    tied = {each.name for effect in added for each in effect.parameters if each.plausible == (each.null, each.null)}
-    return set(one.implausible) - tied
+    return set(one.implausible) - tied(one.effects)
 
 
 def _families(winner: Ranked, rivals: Sequence[Ranked], weights: Mapping[tuple[str, ...], float]) -> list[list[Ranked]]:

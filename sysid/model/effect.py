@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import enum
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cache
@@ -204,6 +204,12 @@ def catalogue() -> Mapping[str, Effect]:
         found[effect.id] = effect
     groups = ("rotor", "fuselage", "forward", "actuators", "sensors")
     return dict(sorted(found.items(), key=lambda item: (groups.index(item[1].group), item[0])))
+
+
+def tied(names: Iterable[str]) -> frozenset[str]:
+    """Parameters of these entries that physics allows none of in free flight: on a tether or a stand there may be."""
+    known = [catalogue()[name] for name in names if name in catalogue()]
+    return frozenset(each.name for effect in known for each in effect.parameters if each.tied)
 
 
 def find(word: str) -> Effect:

@@ -20,6 +20,8 @@ TABLE_4 = {"L_b": 147.548, "M_a": 713.378, "tau_f": 0.091}
 MOTORS = ("L_lat", "M_lon")
 """What a quadrotor has in their place."""
 TABLE_5 = {"L_b": 147.550, "M_a": 713.380, "tau_f": 0.075}
+TIED = ("attitude_stiffness",)
+"""What physics allows in no free flight: it stands in, "unexplained", and is said to be the answer on a tether."""
 SURE = 0.9
 LITTLE_POINTS, LITTLE_HARM = 0.5, 0.05
 """NRMSE that a hidden effect costs, and relative error of the base's numbers that it makes, up to which it matters
@@ -104,10 +106,11 @@ class Flight:
     @property
     def answer_right(self) -> bool:
         """Whether the verdict is what it should be: `complete` of what no flight of this kind could show as well, or of
-        what matters little."""
+        what matters little; `unexplained` of a tether that stands in for itself, too."""
         if self.said["verdict"] == "complete":
             return self.level == "none" or not self.visible or self.spared
-        if self.said["verdict"] == "missing" and self.level != "beyond":
+        tether = self.said["stands_in"] and self.said["effect"] in TIED
+        if (self.said["verdict"] == "missing" or tether) and self.level != "beyond":
             return self.level != "none" and self.right_in_class
         return self.level == "beyond" and self.right
 

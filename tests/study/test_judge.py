@@ -129,6 +129,16 @@ def test_what_is_called_nothing_that_matters_is_counted_apart_and_only_where_it_
     assert "2 of 5" in line_of(flights, "or complete, and mattering little")
 
 
+def test_a_tether_that_stands_in_for_itself_is_an_answer_and_another_that_does_is_none() -> None:
+    tether = answered("catalogue", "unexplained", "attitude_stiffness", stands_in=True)
+    assert tether.answer_right
+    assert not answered("catalogue", "unexplained", "attitude_stiffness").answer_right
+    assert not answered("catalogue", "unexplained", "dynamic_inflow", stands_in=True).answer_right
+    assert not answered("none", "unexplained", "attitude_stiffness", stands_in=True).answer_right
+    other = {"hidden": "servo_lag"}
+    assert not answered("catalogue", "unexplained", "attitude_stiffness", stands_in=True, **other).answer_right
+
+
 def test_two_are_both_found_by_names_that_predict_the_same() -> None:
     hidden: list[dict[str, Any]] = [
         {"level": "catalogue", "answer": name, "accepts": []} for name in ("servo_lag", "angular_damping")

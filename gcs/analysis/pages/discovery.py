@@ -10,7 +10,7 @@ from gcs.analysis.ladder import short_names
 from gcs.analysis.pages.diagnosis import DRAWN, diagnosis_picture
 from gcs.analysis.pages.parts import Facts, Part, Picture, Sentences, Table
 from gcs.analysis.pages.pictures import PAGE_WIDTH
-from gcs.analysis.quantities import amount, listed
+from gcs.analysis.quantities import amount, listed, stands_in
 from gcs.logs.words import printable
 from sysid.compare.values import Densities
 from sysid.diagnose.candidates import SIGNIFICANT
@@ -87,6 +87,12 @@ class Told(Open, frozen=True, kw_only=True):
         return self.verdict == "complete" and chance is not None and chance * math.log(10) >= SIGNIFICANT
 
     @property
+    def _outside(self) -> tuple[str, ...]:
+        """Parameters of the answer that physics does not allow."""
+        found = (one for one in (*self.candidates, *self.pairs) if set(one.chain) == set(self.chain))
+        return next((one.implausible_parameters for one in found), ())
+
+    @property
     def answer(self) -> str:
         """`missing: servo_lag (not to be told from gyro_lag), confidence 0.99`."""
         names = printable(listed(short_names(self.chain))) if self.chain else ""
@@ -98,7 +104,7 @@ class Told(Open, frozen=True, kw_only=True):
         if self.verdict == "missing":
             return f"missing: {names}{f' (not to be told from {listed(alike)})' if alike else ''}{sure}"
         if self.stands_in:
-            return f"unexplained: {names} would do it, but only at implausible values: it stands in{sure}"
+            return f"unexplained: {stands_in(names, self.chain, self._outside)}{sure}"
         because = " (feedback alone could make what is left)" if self.reason == "feedback" else ""
         return f"unexplained: what is left is more than noise, and no known effect is it{because}{sure}"
 

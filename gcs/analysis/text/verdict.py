@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from gcs.analysis.diagnosis import FitDiagnosis, rival
 from gcs.analysis.ladder import NO_CHANGE, Nrmse, short_names, together
-from gcs.analysis.quantities import listed, plausible_range, quantity
+from gcs.analysis.quantities import listed, plausible_range, quantity, stands_in
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
@@ -158,7 +158,7 @@ def answer(last: Diagnosis) -> str:
         each = [short_names([name])[0] + _alike(places[name]) for name in last.chain]
         return f"missing: {', and then '.join(each)}"
     if last.stands_in:
-        return f"unexplained: {names} would do it, but only at implausible values: it stands in"
+        return f"unexplained: {stands_in(names, last.chain, winner.implausible)}"
     if last.sizes_that_differ:
         return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
     if last.outdone:

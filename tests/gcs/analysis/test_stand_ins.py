@@ -5,6 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from gcs.analysis.pages.discovery import told
+from gcs.analysis.quantities import stands_in
 from gcs.analysis.text.verdict import answer, stand_ins
 
 
@@ -50,3 +52,21 @@ def test_what_predicts_the_same_stands_where_its_like_does() -> None:
     pairs = (ranked("servo_backlash", "hub_gyroscopics"),)
     last = missing(("servo_backlash", "dynamic_inflow"), ("hub_gyroscopics",), pairs, equivalent=same)
     assert stand_ins(last) == {"servo_backlash": ("play",), "dynamic_inflow": ("hub_gyroscopics", "hub")}
+
+
+def test_a_moment_back_to_level_is_the_answer_on_a_tether_and_nothing_else_is() -> None:
+    both = ("L_phi", "M_theta")
+    assert "on a tether or a stand; in free flight" in stands_in("it", ["attitude_stiffness"], both)
+    assert "on a tether or a stand" in stands_in("they", ["servo_lag", "attitude_stiffness"], both)
+    for effects, outside in (
+        (["attitude_stiffness"], (*both, "M_a")),  # what is implausible of the base, a tether does not explain
+        (["dynamic_inflow"], ("k_l",)),
+        (["of_a_user"], both),
+        (["attitude_stiffness"], ()),
+    ):
+        assert "only at implausible values" in stands_in("it", effects, outside)
+    candidate = {"effect": "attitude_stiffness", "implausible_parameters": ["L_phi", "M_theta"]}
+    document = {"verdict": "unexplained", "chain": ["attitude_stiffness"], "stands_in": True, "candidates": [candidate]}
+    kept = told(document)
+    assert kept is not None
+    assert "on a tether or a stand; in free flight it stands in" in kept.answer

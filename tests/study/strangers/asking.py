@@ -18,7 +18,7 @@ from sysid.diagnose.matters import hardly_seen, judged, remainder
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit
-from sysid.model.effect import catalogue
+from sysid.model.effect import tied
 
 AXES = ("roll", "pitch")
 
@@ -93,8 +93,7 @@ def ask(stranger: Stranger) -> Answer:
 def _is_added(found: Diagnosis) -> bool:
     """Whether the user adds the effect: one that is named, or stands in and is none in free flight alone. Whoever flies
     knows whether there is a tether."""
-    tied = found.effect in catalogue() and all(each.tied for each in catalogue()[found.effect].parameters)
-    return found.verdict == "missing" or (found.stands_in and tied)
+    return found.verdict == "missing" or (found.stands_in and bool(tied([str(found.effect)])))
 
 
 def weighed(answer: Diagnosis) -> Diagnosis:

@@ -11,6 +11,7 @@ import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import FORWARD_FLIGHT, records
 
+from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.verdict import Diagnosis
@@ -86,6 +87,7 @@ def test_what_physics_does_not_allow_stands_in() -> None:
     assert found.verdict == "unexplained"
     assert found.stands_in
     assert found.effect == "attitude_stiffness"
+    assert "on a tether or a stand; in free flight it stands in" in answer(found)
 
 
 @pytest.mark.usefixtures("only_effects")
