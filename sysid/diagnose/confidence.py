@@ -51,7 +51,7 @@ fourfold gusts and a double loop at 0.67; right names began at 0.59."""
 TOLD_IN_A_LOOP, SHOWN_IN_A_LOOP = 0.5, 0.1
 """And as it is told, at least, where it explains less than the second by power: of strangers that judgements had spent
 three of three below hid what the catalogue does not have (products of rates as hub_gyroscopics, a load as inflow), at
-0.14 to 0.26; the one that explained more (0.13) was right at 0.17."""
+0.14 to 0.26; the two that explained more (0.12, 0.13) were right at 0.20 and 0.17."""
 LEFT_OF_A_FORM = 0.1
 """Share of its chi squared that an entry may leave, to be named all the same where more shows than loops make: four of
 four right names of strangers that judgements had spent left 0 to 0.08 (slipstream_wing, lag_per_axis); of 32 clean
