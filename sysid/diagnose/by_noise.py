@@ -127,7 +127,7 @@ def _moved(one: Candidate, white: White, metric: Whitening) -> tuple[Candidate, 
     itself may have no response."""
     loose = [one.model.structure.names.index(name) for name in one.free]
     step = SHY * white.move(one)
-    left = white.residual if white.shown is None else white.shown.caused(white.residual)
+    left = white.shows(white.residual)
     power = float(left @ left)
     least = power - max(SETTLED, OF_THE_REST * (power - ABOUT_NOISE * left.size))
     for part in PARTS:

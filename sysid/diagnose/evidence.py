@@ -404,7 +404,7 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
         values[[one.model.structure.names.index(name) for name in one.free]] += move
         grows = growing_modes.cost(one.estimate, whitening, values)
         # a jump has no slope to follow; elsewhere gusts that feedback lets commands explain are no reason to stay
-        gusts = shown is not None and one.model.structure.linear and white.power(there) < white.left
+        gusts = shown is not None and one.model.structure.linear and white.power(there) < white.power(e)
         taken = gusts or bool(there @ there + grows < WORST_SETTLING * (e @ e + growing))
         if taken:
             e, imposed, growing = there, imposed + move @ Z, grows
@@ -436,14 +436,13 @@ class White:
         dear = growing_modes.cost_slopes(one.estimate, whitening, one.free)
         return cls(white_residual(one, whitening), J, Z, shown, dear)
 
-    @property
-    def left(self) -> float:
-        """Power where the excitation shows, or all of it where none is logged."""
-        return self.power(self.residual)
+    def shows(self, row: FloatArray) -> FloatArray:
+        """What of another row (N,) is where the excitation shows, or all of it where none is logged."""
+        return row if self.shown is None else self.shown.caused(row)
 
     def power(self, row: FloatArray) -> float:
-        """The same of another row (N,)."""
-        rest = row if self.shown is None else self.shown.caused(row)
+        """The same in one number."""
+        rest = self.shows(row)
         return float(rest @ rest)
 
     def move(self, one: Candidate) -> FloatArray:

@@ -27,7 +27,9 @@ def test_a_move_by_the_noise_gains_something_beside_what_is_left(
     one = SimpleNamespace(
         free=("x",), model=SimpleNamespace(structure=structure, values=np.ones(1)), at=lambda _: structure
     )
-    white = SimpleNamespace(residual=here, shown=None, move=lambda _: np.ones(1), power=lambda row: float(row @ row))
+    white = SimpleNamespace(
+        residual=here, shows=lambda row: row, move=lambda _: np.ones(1), power=lambda row: float(row @ row)
+    )
     monkeypatch.setattr(by_noise, "residual_at", lambda *_: there)
     monkeypatch.setattr(by_noise, "White", SimpleNamespace(of=lambda *_: white))
     found = by_noise._moved(cast(Any, one), cast(Any, white), cast(Any, None))
