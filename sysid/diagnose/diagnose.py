@@ -58,6 +58,8 @@ from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
 
 TINY = 1e-300
+FEW = 3
+"""Of the best entries, that are refitted to see whether any is likelier than what another loop leaves to explain."""
 
 
 def diagnose(
@@ -89,11 +91,14 @@ def diagnose(
         return _parent(structure, runs, fixed, near)
 
     parent, thinned, loop_s = as_held(_parent(structure, on, fixed, begin), fixed, refitted)
-    asked = _asked(parent, _judging(validated_on, parent, loop_s), effects, say)
-    if asked.answer.verdict != "complete" and (usual := by_a_usual_loop(parent, refitted)) is not None:
-        other = _asked(usual.parent, _judging(validated_on, usual.parent, usual.loop_s), effects, say)
-        if _as_likely(other, asked):
-            asked, thinned = other, usual.what
+    scored = _scored(parent, effects, say)
+    usual = by_a_usual_loop(parent, refitted) if scored.significant else None
+    there = None
+    if usual is not None:
+        there = _scored(usual.parent, effects, say), _judging(validated_on, usual.parent, usual.loop_s)
+    asked, by_usual = _by_either(scored, _judging(validated_on, parent, loop_s), there, say)
+    if usual is not None and by_usual:
+        thinned = usual.what
     answer = _with_chains(asked, say, limit) if chains else asked.finished(ChainSearch())
     if answer.verdict != "missing":  # of an axis that is hardly known only the effect is told that would make it known
         last = answer.parent
@@ -109,18 +114,41 @@ def _judging(runs: Dataset | None, parent: Candidate, loop_s: float | None) -> D
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Asked:
-    """Every entry asked of a structure as it was fitted; chains not yet."""
+class _Scored:
+    """Every entry asked of a structure as it was fitted, by one step."""
 
+    parent: Candidate
     candidates: Sequence[Ranked]
     chance: float
     """That noise alone shows as much, a logarithm."""
+    elsewhere: float
+    """Chi squared that something outside the catalogue explains."""
+    users: Sequence[Effect]
+
+    @property
+    def significant(self) -> bool:
+        return self.chance < SIGNIFICANT
+
+    def refitted(self, some: Sequence[Ranked], say: Listener) -> list[Ranked]:
+        return refit_serious(some, self.parent, self.users, say, self.elsewhere) if self.significant else list(some)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Asked:
+    """The same, the serious ones refitted; chains not yet."""
+
+    candidates: Sequence[Ranked]
+    chance: float
     reference: Reference
     answer: Diagnosis
 
     @property
     def significant(self) -> bool:
         return self.chance < SIGNIFICANT
+
+    @property
+    def likeliest(self) -> Candidate:
+        return self.candidates[0].fit or self.reference.parent
 
     def finished(self, chained: ChainSearch, say: Listener = unheard) -> Diagnosis:
         """The answer with the chains that were found."""
@@ -144,19 +172,52 @@ class _Asked:
         return replace(answer, first=_first(self.answer) if pairs else None, unsearched=chained.unsearched)
 
 
-def _asked(parent: Candidate, validation: Dataset | None, effects: Sequence[Effect], say: Listener) -> _Asked:
+def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Scored:
     asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     scores = [one.score for one in candidates if one.score is not None]
     chance = chance_of_noise(parent.division, scores, stepped, parent.metric)
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
-    if chance < SIGNIFICANT:
-        candidates = refit_serious(candidates, parent, effects, say, elsewhere)
-    reference = _reference(parent, candidates, effects, validation)
+    return _Scored(parent=parent, candidates=candidates, chance=chance, elsewhere=elsewhere, users=effects)
+
+
+def _asked(scored: _Scored, validation: Dataset | None, say: Listener) -> _Asked:
+    candidates = scored.refitted(scored.candidates, say)
+    reference = _reference(scored.parent, candidates, scored.users, validation)
     candidates = sorted(in_reach(_held_against(reference, candidates, say), reference), key=rank)
     say(Asking(stage=Stage.WEIGHING))
-    answer = verdict_on(candidates, (), chance, reference)
-    return _Asked(candidates=candidates, chance=chance, reference=reference, answer=answer)
+    answer = verdict_on(candidates, (), scored.chance, reference)
+    return _Asked(candidates=candidates, chance=scored.chance, reference=reference, answer=answer)
+
+
+def _by_either(
+    scored: _Scored, validation: Dataset | None, usual: tuple[_Scored, Dataset | None] | None, say: Listener
+) -> tuple[_Asked, bool]:
+    """The answer, or that by a usual loop where that is as likely; and whether it is the latter."""
+    if usual is None:
+        return _asked(scored, validation, say), False
+    other = _asked(*usual, say)
+    # most often a usual loop it was: what is likeliest by the other is then known long before all of its answer
+    if other.answer.verdict == "missing" and _as_likely(other, _the_likeliest(scored, other, say)):
+        return other, True
+    asked = _asked(scored, validation, say)
+    # where nothing explains the runs either way, what is wrong is not how long commands were held
+    nothing = asked.answer.verdict == other.answer.verdict == "unexplained"
+    return (asked, False) if nothing or not _as_likely(other, asked.likeliest) else (other, True)
+
+
+def _the_likeliest(scored: _Scored, other: _Asked, say: Listener) -> Candidate:
+    """Of the entries that score best, and of those that are best in the other answer, the likeliest refit."""
+    best = sorted((one for one in scored.candidates if one.score is not None), key=lambda one: -_chi_squared(one))
+    names = {one.effects for one in (*best[:FEW], *other.candidates[:FEW])}
+    few = scored.refitted([one for one in scored.candidates if one.effects in names], say)
+    reference = _reference(scored.parent, few, scored.users, None)
+    fits = sorted((compared(one, reference) for one in few), key=rank)
+    return fits[0].fit or scored.parent
+
+
+def _chi_squared(one: Ranked) -> float:
+    return 0.0 if one.score is None else one.score.chi_squared
 
 
 def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis:
@@ -169,15 +230,12 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
     return asked.finished(chained, say)
 
 
-def _as_likely(other: _Asked, asked: _Asked) -> bool:
-    """Whether the best that explains the runs as the other takes them is no less likely; where nothing explains them
-    either way, what is wrong is not how long commands were held."""
-    if other.answer.verdict == asked.answer.verdict == "unexplained":
-        return False
-    here, there = (one.candidates[0].fit or one.reference.parent for one in (asked, other))
+def _as_likely(other: _Asked, here: Candidate) -> bool:
+    """Whether the best that explains the runs as the other takes them is no less likely than this."""
+    there = other.likeliest
     metric = min(here, there, key=_error).metric
     added = there.fitted - here.fitted
-    rows = asked.reference.stepped.residual.size
+    rows = other.reference.stepped.residual.size
     better = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (there, here)))[0]
     return better - added * math.log(rows) > -SAME
 

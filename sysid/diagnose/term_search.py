@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -92,6 +92,16 @@ class _InMetric:
     """(rows, expressions), with themselves, less that;"""
     pairs: FloatArray
     """(pairs,), and of the first part with the second."""
+    _known: dict[bytes, FloatArray] = field(default_factory=dict)
+
+    def with_vectors(self, vectors: FloatArray) -> FloatArray:
+        """(rows, expressions, vectors), with vectors (v, N). Kept: from term to term all but a few are the same."""
+        keys = [vector.tobytes() for vector in vectors]
+        new = [i for i, key in enumerate(keys) if key not in self._known]
+        if new:
+            found = _inner(self.Z, self.h, bins(vectors[new], self.sizes, self.h.shape[1]))
+            self._known.update({keys[i]: found[..., number] for number, i in enumerate(new)})
+        return np.stack([self._known[key] for key in keys], axis=2)
 
 
 @lru_cache(maxsize=2)
@@ -129,10 +139,8 @@ def _in_metric(known: CandidateTerms, whitening: Whitening) -> _InMetric:
 
 def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> _Products:
     """Without forming one sensitivity: <h t, v> is the real part of conj(t) times what h makes of v, bin by bin."""
-    fixed = _in_metric(known, whitening)
-    b, k = len(stepped.J), fixed.h.shape[1]
-    vectors = np.concatenate([stepped.residual[None], stepped.J, stepped.Z])
-    others = _inner(fixed.Z, fixed.h, bins(vectors, fixed.sizes, k))
+    fixed, b = _in_metric(known, whitening), len(stepped.J)
+    others = fixed.with_vectors(np.concatenate([stepped.residual[None], stepped.J, stepped.Z]))
     e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
     own = moved @ instrumental_inverse(stepped.Z, stepped.J)
     e = e - own @ (stepped.Z @ stepped.residual)  # where the parent was moved by less than all of its instruments
@@ -246,17 +254,13 @@ def search(
 def select(
     parent: Candidate, whitening: Whitening, known: CandidateTerms | None = None, most: int = MOST_TERMS
 ) -> Selection:
-    """Greedy forward selection, twice: what the first leaves is the noise by whose spectrum the second chooses."""
+    """Greedy forward selection, twice: what the first leaves is the noise by whose spectrum the second chooses. Once
+    where past noise foretells: that is the noise already."""
     known = known or candidate_terms(parent)
-    on = parent.dataset
-    rough: list[int] = []
-    while len(rough) < most:
-        order, log_p, tried = _ranked(known, _settled(parent, known, rough, whitening), whitening)
-        if not order or log_p[order[0]] + math.log(tried) > SIGNIFICANT:
-            break
-        rough.append(order[0])
     if not isinstance(whitening, Innovations):
-        whitening = noise_whitening(parent.model, on.stacks, divide(_left(parent, known, rough), on.stacks, on.causes))
+        on = parent.dataset
+        left = _left(parent, known, _rough(parent, known, whitening, most))
+        whitening = noise_whitening(parent.model, on.stacks, divide(left, on.stacks, on.causes))
     terms: list[Term] = []
     while len(terms) < most:
         stepped = _settled(parent, known, [term.number for term in terms], whitening)
@@ -266,6 +270,17 @@ def select(
         terms.append(best[0])
     left = _left(parent, known, [term.number for term in terms])
     return Selection(tuple(terms), left, whitening, _settled(parent, known, [], whitening))
+
+
+def _rough(parent: Candidate, known: CandidateTerms, whitening: Whitening, most: int) -> list[int]:
+    """Numbers of the entries of a first selection, each the best of all by one step."""
+    found: list[int] = []
+    while len(found) < most:
+        order, log_p, tried = _ranked(known, _settled(parent, known, found, whitening), whitening)
+        if not order or log_p[order[0]] + math.log(tried) > SIGNIFICANT:
+            break
+        found.append(order[0])
+    return found
 
 
 def _near_the_best(order: Sequence[int], log_p: FloatArray) -> list[int]:
