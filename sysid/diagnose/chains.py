@@ -218,31 +218,42 @@ class _Chains:
 
     def begin_with(self, first: Ranked) -> bool:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
-        begun = first.fit
+        begun, seconds = first.fit, self.ask_beside(first)
         assert begun is not None
         assert first.stepped is not None
-        if not self.paid(ASKED):
-            self.not_asked.append(first.effect)
-            return True
-        self.say(Asking(stage=Stage.SECONDS, effects=first.effects))
-        whitening, users = self.reference.whitening, self.reference.users
-        try:
-            seconds = score_effects(begun.asked_in(whitening), first.stepped, whitening, users, unheard)
-        except KeyboardInterrupt:
-            self.interrupt()
-            self.not_asked.append(first.effect)
+        if seconds is None:
             return True
         scores = [one.score for one in seconds if one.score is not None]
-        if chance_of_noise(begun.division, scores, first.stepped, whitening) >= SIGNIFICANT:
+        if chance_of_noise(begun.division, scores, first.stepped, self.reference.whitening) >= SIGNIFICANT:
             return False
-        asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
-        self.seconds[first.effect] = asked
+        asked = self.seconds[first.effect]
         # what is dear last: the best of the others may be out of its reach by then
         chosen = self.of_each_kind(self.without_twins(asked), begun)[:SECONDS]
         for second, promise in sorted(chosen, key=lambda each: self.price_of(each[0], begun) >= DEAR):
             if _names(first.effect, second.effect) not in self.found and self.promising(first, promise):
                 self.fit(first, second)
+                # what has no fit there stands for none: its response, or a size of it, went beyond all bounds
+                if promise is not second and _names(first.effect, second.effect) not in self.found:
+                    self.fit(first, promise)
         return True
+
+    def ask_beside(self, first: Ranked) -> Sequence[Ranked] | None:
+        """The catalogue's scores beside an effect; None where the budget, or who waits, has no time for them."""
+        assert first.fit is not None
+        assert first.stepped is not None
+        if not self.paid(ASKED):
+            self.not_asked.append(first.effect)
+            return None
+        self.say(Asking(stage=Stage.SECONDS, effects=first.effects))
+        whitening, users = self.reference.whitening, self.reference.users
+        try:
+            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, unheard)
+        except KeyboardInterrupt:
+            self.interrupt()
+            self.not_asked.append(first.effect)
+            return None
+        self.seconds[first.effect] = sorted((one for one in seconds if one.not_testable is None), key=_promise)
+        return seconds
 
     def without_twins(self, seconds: Sequence[Ranked]) -> list[Ranked]:
         """Of those that alone answer the same to the last digits the first: the others are exchanged for it at the
@@ -419,7 +430,8 @@ class _Chains:
     def like_beside(self, other: str, half: str) -> list[Ranked]:
         """What is significant and scores nearly as much as this half beside the other one, and is cheap to fit there;
         the first SECONDS of them."""
-        seconds = self.seconds.get(other, [])
+        begin = self.single[other].fit if other in self.single else None
+        seconds = [] if begin is None else self.seconds_beside(other)
         promised = next((one.score.chi_squared for one in seconds if one.effect == half and one.score), math.inf)
         like = [
             one
@@ -428,8 +440,16 @@ class _Chains:
             and one.score.log_p <= SIGNIFICANT
             and one.score.chi_squared >= (1 - ALIKE) * promised
         ]
-        begin = self.single[other].fit if like else None
         return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR][:SECONDS]
+
+    def seconds_beside(self, other: str) -> Sequence[Ranked]:
+        """What was asked beside an effect that was fitted alone; asked now, where nothing there is simulated in time:
+        something else may explain still more beside it."""
+        alone = self.single[other]
+        assert alone.fit is not None
+        if other not in self.seconds and linear_dynamics(alone.fit.model.structure):
+            self.ask_beside(alone)
+        return self.seconds.get(other, [])
 
 
 def _unasked(name: str) -> Ranked:

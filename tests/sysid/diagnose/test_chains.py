@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from more_of_a_kind import thorough
 from planted import PLANTED, fly_many
@@ -288,6 +289,28 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     assert [one.effect for one in search.like_alone("slipstream_wing")] == ["slipstream_wing"], "what is plausible"
 
 
+def test_the_best_chain_is_asked_what_stands_beside_either_half(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lag beside an angle of attack left noise; beside the lag the wing in the slipstream, the truth, explained more
+    and was not asked, as it was far from the best alone."""
+    lag, attack = alone("gyro_lag", 360.0), alone("angle_of_attack", 570.0)
+    search = search_of(False, attack, lag, alone("slipstream_wing", 400.0))
+    asked: list[str] = []
+
+    def ask(_: object, other: Ranked) -> None:
+        asked.append(other.effect)
+        search.seconds[other.effect] = [scored("slipstream_wing", 430.0), scored("angle_of_attack", 420.0)]
+
+    search.single["gyro_lag"] = replace(
+        lag, fit=cast("Any", SimpleNamespace(model=Model(TPP, np.ones(len(TPP.names)))))
+    )
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
+    monkeypatch.setattr(chains._Chains, "ask_beside", ask)
+    names = [one.effect for one in search.like_beside("gyro_lag", "angle_of_attack")]
+    assert names == ["slipstream_wing", "angle_of_attack"]
+    search.like_beside("gyro_lag", "slipstream_wing")
+    assert asked == ["gyro_lag"], "once"
+
+
 def exchanged(search: chains._Chains, chi_squared: dict[tuple[str, str], float], patch: pytest.MonkeyPatch) -> Ranked:
     """The best chain after exchanges from the first of these, the others being what fits would find."""
 
@@ -297,6 +320,7 @@ def exchanged(search: chains._Chains, chi_squared: dict[tuple[str, str], float],
         search.found[chains._names(*names)] = replace(alone("", found), effects=names)
 
     patch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
+    patch.setattr(chains._Chains, "seconds_beside", lambda search, other: search.seconds.get(other, []))
     patch.setattr(chains._Chains, "fit", fit)
     search.reference = cast("Any", SimpleNamespace(users=()))
     fit(None, *(Ranked(effects=(name,), score=None, not_testable=None) for name in next(iter(chi_squared))))
@@ -426,3 +450,35 @@ def test_no_single_refit_takes_most_of_the_budget_and_what_is_left_out_is_told(m
     assert tried == ["quadratic_damping"]
     assert search.left == chains.BUDGET - 25.0
     assert search.unsearched == BudgetSpent((("structural_mode", "quadratic_damping"),))
+
+
+def test_where_what_stands_for_others_has_no_fit_the_one_that_promised_most_is_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside a governor two lags, which stood for one, came out below zero in one axis; that one was the truth."""
+    each, one_lag = alone("lag_per_axis", 180.0), scored("gyro_lag", 189.0)
+    begun = SimpleNamespace(asked_in=lambda _: None, division=None)
+    governor = replace(alone("governor", 1800.0), stepped=cast("Any", object()), fit=cast("Any", begun))
+    search = search_of(False, governor, each)
+    search.reference = cast("Any", SimpleNamespace(whitening=None, users=()))
+    tried: list[str] = []
+
+    def fit(_: object, first: Ranked, second: Ranked) -> None:
+        tried.append(second.effect)
+        if second.effect in has_a_fit:
+            search.found[chains._names(first.effect, second.effect)] = second
+
+    monkeypatch.setattr(chains, "score_effects", lambda *_: [one_lag])
+    monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    monkeypatch.setattr(chains._Chains, "promising", lambda *_: True)
+    monkeypatch.setattr(chains._Chains, "of_each_kind", lambda *_: [(each, one_lag)])
+    monkeypatch.setattr(chains._Chains, "fit", fit)
+    has_a_fit = {"gyro_lag"}
+    assert search.begin_with(governor)
+    assert tried == ["lag_per_axis", "gyro_lag"]
+    search.found.clear()
+    tried.clear()
+    has_a_fit = {"lag_per_axis"}
+    assert search.begin_with(governor)
+    assert tried == ["lag_per_axis"]
