@@ -431,7 +431,7 @@ def _surprise(
     mean = float(np.sum(2 * k * u))
     variance = float(np.sum(4 * k * u * (u + n - 1) / (n - k - 1)))
     beyond = float(np.sum(2 * (n - k) * trace)) - mean
-    return max(0.0, mean + beyond * np.sqrt(2 * mean / variance)), int(mean)
+    return max(0.0, mean + beyond * math.sqrt(2 * mean / variance)), int(mean)
 
 
 class _Ends(NamedTuple):
