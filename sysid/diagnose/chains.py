@@ -443,11 +443,11 @@ class _Chains:
         return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR][:SECONDS]
 
     def seconds_beside(self, other: str) -> Sequence[Ranked]:
-        """What was asked beside an effect that was fitted alone; asked now, where nothing there is simulated in time:
-        something else may explain still more beside it."""
+        """What was asked beside an effect that was fitted alone; asked now, where an excitation is logged and nothing
+        there is simulated in time: something else may explain still more beside it. (In a loop errors do, too.)"""
         alone = self.single[other]
         assert alone.fit is not None
-        if other not in self.seconds and linear_dynamics(alone.fit.model.structure):
+        if other not in self.seconds and alone.fit.division.measured and linear_dynamics(alone.fit.model.structure):
             self.ask_beside(alone)
         return self.seconds.get(other, [])
 

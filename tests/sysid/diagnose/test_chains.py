@@ -300,11 +300,12 @@ def test_the_best_chain_is_asked_what_stands_beside_either_half(monkeypatch: pyt
         asked.append(other.effect)
         search.seconds[other.effect] = [scored("slipstream_wing", 430.0), scored("angle_of_attack", 420.0)]
 
-    search.single["gyro_lag"] = replace(
-        lag, fit=cast("Any", SimpleNamespace(model=Model(TPP, np.ones(len(TPP.names)))))
-    )
+    begun = SimpleNamespace(model=Model(TPP, np.ones(len(TPP.names))), division=SimpleNamespace(measured=False))
+    search.single["gyro_lag"] = replace(lag, fit=cast("Any", begun))
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
     monkeypatch.setattr(chains._Chains, "ask_beside", ask)
+    assert not search.like_beside("gyro_lag", "angle_of_attack"), "there a chain takes up errors, too"
+    begun.division.measured = True
     names = [one.effect for one in search.like_beside("gyro_lag", "angle_of_attack")]
     assert names == ["slipstream_wing", "angle_of_attack"]
     search.like_beside("gyro_lag", "slipstream_wing")
