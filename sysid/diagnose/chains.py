@@ -165,7 +165,7 @@ class _Chains:
         """What was asked beside each first effect, the most promising first."""
         self.found: dict[tuple[str, ...], Ranked] = {}
         self.interrupted = False
-        self.not_asked: list[str] = []
+        self.not_asked: dict[str, None] = {}
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
 
     @property
@@ -218,15 +218,14 @@ class _Chains:
 
     def begin_with(self, first: Ranked) -> bool:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
-        begun, seconds = first.fit, self.ask_beside(first)
+        begun, asked = first.fit, self.ask_beside(first)
         assert begun is not None
         assert first.stepped is not None
-        if seconds is None:
+        if asked is None:
             return True
-        scores = [one.score for one in seconds if one.score is not None]
+        scores = [one.score for one in asked if one.score is not None]
         if chance_of_noise(begun.division, scores, first.stepped, self.reference.whitening) >= SIGNIFICANT:
             return False
-        asked = self.seconds[first.effect]
         # what is dear last: the best of the others may be out of its reach by then
         chosen = self.of_each_kind(self.without_twins(asked), begun)[:SECONDS]
         for second, promise in sorted(chosen, key=lambda each: self.price_of(each[0], begun) >= DEAR):
@@ -238,11 +237,11 @@ class _Chains:
         return True
 
     def ask_beside(self, first: Ranked) -> Sequence[Ranked] | None:
-        """The catalogue's scores beside an effect; None where the budget, or who waits, has no time for them."""
+        """What promises most beside an effect first; None where the budget, or who waits, has no time to ask."""
         assert first.fit is not None
         assert first.stepped is not None
         if not self.paid(ASKED):
-            self.not_asked.append(first.effect)
+            self.not_asked[first.effect] = None
             return None
         self.say(Asking(stage=Stage.SECONDS, effects=first.effects))
         whitening, users = self.reference.whitening, self.reference.users
@@ -250,10 +249,10 @@ class _Chains:
             seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, unheard)
         except KeyboardInterrupt:
             self.interrupt()
-            self.not_asked.append(first.effect)
+            self.not_asked[first.effect] = None
             return None
         self.seconds[first.effect] = sorted((one for one in seconds if one.not_testable is None), key=_promise)
-        return seconds
+        return self.seconds[first.effect]
 
     def without_twins(self, seconds: Sequence[Ranked]) -> list[Ranked]:
         """Of those that alone answer the same to the last digits the first: the others are exchanged for it at the
@@ -430,8 +429,9 @@ class _Chains:
     def like_beside(self, other: str, half: str) -> list[Ranked]:
         """What is significant and scores nearly as much as this half beside the other one, and is cheap to fit there;
         the first SECONDS of them."""
-        begin = self.single[other].fit if other in self.single else None
-        seconds = [] if begin is None else self.seconds_beside(other)
+        if other not in self.single:
+            return []
+        begin, seconds = self.single[other].fit, self.seconds_beside(other)
         promised = next((one.score.chi_squared for one in seconds if one.effect == half and one.score), math.inf)
         like = [
             one

@@ -59,7 +59,7 @@ from sysid.model.structure import Model, Structure
 
 TINY = 1e-300
 FEW = 3
-"""Of the best entries, that are refitted to see whether any is likelier than what another loop leaves to explain."""
+"""How many of the best entries are refitted to see whether any is likelier than the answer by a usual loop."""
 
 
 def diagnose(
@@ -137,14 +137,10 @@ class _Scored:
 class _Asked:
     """The same, the serious ones refitted; chains not yet."""
 
+    scored: _Scored
     candidates: Sequence[Ranked]
-    chance: float
     reference: Reference
     answer: Diagnosis
-
-    @property
-    def significant(self) -> bool:
-        return self.chance < SIGNIFICANT
 
     @property
     def likeliest(self) -> Candidate:
@@ -153,8 +149,9 @@ class _Asked:
     def finished(self, chained: ChainSearch, say: Listener = unheard) -> Diagnosis:
         """The answer with the chains that were found."""
         candidates, pairs, reference, answer = self.candidates, chained.pairs, self.reference, self.answer
+        chance = self.scored.chance
         if pairs:
-            answer = verdict_on(candidates, pairs, self.chance, reference)
+            answer = verdict_on(candidates, pairs, chance, reference)
             if answer.winner is not None and len(answer.chain) == 2:
                 try:
                     alone = halves_alone(answer.winner, candidates, reference, say)
@@ -163,12 +160,12 @@ class _Asked:
                 if alone:
                     fitted = {one.effects: one for one in alone}
                     candidates = sorted((fitted.get(one.effects, one) for one in candidates), key=rank)
-                    answer = verdict_on(candidates, pairs, self.chance, reference)
+                    answer = verdict_on(candidates, pairs, chance, reference)
         likelier = _likelier(answer, reference)
         if likelier is not None:
             candidates = sorted(in_reach([compared(one, likelier) for one in candidates], likelier), key=rank)
             pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
-            answer = verdict_on(candidates, pairs, self.chance, likelier)
+            answer = verdict_on(candidates, pairs, chance, likelier)
         return replace(answer, first=_first(self.answer) if pairs else None, unsearched=chained.unsearched)
 
 
@@ -187,7 +184,7 @@ def _asked(scored: _Scored, validation: Dataset | None, say: Listener) -> _Asked
     candidates = sorted(in_reach(_held_against(reference, candidates, say), reference), key=rank)
     say(Asking(stage=Stage.WEIGHING))
     answer = verdict_on(candidates, (), scored.chance, reference)
-    return _Asked(candidates=candidates, chance=scored.chance, reference=reference, answer=answer)
+    return _Asked(scored=scored, candidates=candidates, reference=reference, answer=answer)
 
 
 def _by_either(
@@ -208,20 +205,15 @@ def _by_either(
 
 def _the_likeliest(scored: _Scored, other: _Asked, say: Listener) -> Candidate:
     """Of the entries that score best, and of those that are best in the other answer, the likeliest refit."""
-    best = sorted((one for one in scored.candidates if one.score is not None), key=lambda one: -_chi_squared(one))
+    best = sorted((one for one in scored.candidates if one.score is not None), key=rank)
     names = {one.effects for one in (*best[:FEW], *other.candidates[:FEW])}
     few = scored.refitted([one for one in scored.candidates if one.effects in names], say)
     reference = _reference(scored.parent, few, scored.users, None)
-    fits = sorted((compared(one, reference) for one in few), key=rank)
-    return fits[0].fit or scored.parent
-
-
-def _chi_squared(one: Ranked) -> float:
-    return 0.0 if one.score is None else one.score.chi_squared
+    return min((compared(one, reference) for one in few), key=rank).fit or scored.parent
 
 
 def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis:
-    if not asked.significant:
+    if not asked.scored.significant:
         return asked.finished(ChainSearch())
     answer = asked.answer
     say(_first(answer))

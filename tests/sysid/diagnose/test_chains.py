@@ -79,7 +79,7 @@ def test_a_chain_is_told_by_whether_an_excitation_is_logged(
     monkeypatch.setattr(confidence, "CHAIN_EXCITED", -10.0)
     unsure = asked(flight)
     assert (unsure.verdict, unsure.chain) == ("unexplained", logged.chain)
-    assert unsure.confidence <= confidence.UNEXPLAINED_RIGHT < confidence.COMPLETE_RIGHT
+    assert unsure.confidence <= 0.92
 
 
 @EFFECTS
@@ -483,3 +483,13 @@ def test_where_what_stands_for_others_has_no_fit_the_one_that_promised_most_is_t
     has_a_fit = {"lag_per_axis"}
     assert search.begin_with(governor)
     assert tried == ["lag_per_axis"]
+
+
+def test_what_the_budget_does_not_reach_is_told_once() -> None:
+    """Exchange after exchange asks for it."""
+    lag = replace(alone("gyro_lag", 360.0), stepped=cast("Any", object()))
+    search = search_of(False, lag)
+    search.left = 0.0
+    assert search.ask_beside(lag) is None
+    assert search.ask_beside(lag) is None
+    assert search.unsearched == BudgetSpent((), ("gyro_lag",), interrupted=False)
