@@ -16,6 +16,7 @@ from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.stacks import Stack
 from sysid.errors import SysidError
 from sysid.model.acting import divided, either_side, in_time
+from sysid.model.modal import Modes
 from sysid.model.response import Response
 from sysid.model.structure import AnyArray, FloatArray, Structure
 
@@ -45,7 +46,8 @@ FEWEST_TOGETHER = 3
 """Parameters side by side, however long the run."""
 KEPT = 8
 """Responses of single runs: of the last two sets of values, most often."""
-WORST_RESIDUE_CONDITION = 1e5
+THINNED = 16
+"""Of so many bins one tells which states the measured rates show."""
 ENDS_RANK = 1e-12
 """Of the largest eigenvalue of inner products, of which weaker combinations of end states tell nothing."""
 
@@ -207,8 +209,9 @@ class _Run:
 
     def evaluate(
         self, batch: Sequence[Mapping[str, float]], x: FloatArray, u: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Rates of states x (batch, n, grid), and the outputs (batch, k, grid), with commands u (batch, m, grid)."""
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Rates of states x (batch, n, grid), and what outputs show beside the measured ones (batch, k, grid), if
+        anything, with commands u (batch, m, grid)."""
         structure = self.structure
         signals = {
             **{name: x[:, i] for i, name in enumerate(structure.states)},
@@ -217,23 +220,42 @@ class _Run:
         }
         parameters = {name: np.array([at[name] for at in batch])[:, None] for name in structure.names}
         rates, measured = structure.evaluate(parameters, signals)
-        rhs, outputs = np.empty_like(x), np.empty((len(x), len(structure.outputs), x.shape[2]))
+        rhs = np.empty_like(x)
         for i, state in enumerate(structure.states):
             rhs[:, i] = rates[f"{state}_dot"]
-        for i, name in enumerate(structure.outputs):
-            outputs[:, i] = measured[name]
-        return rhs, outputs
+        if all(measured[name] is signals[name] for name in structure.outputs):
+            return rhs, None
+        return rhs, np.stack([measured[name] - signals[name] for name in structure.outputs], axis=1)
 
-    def resolvent(self, A: FloatArray) -> ComplexArray:
-        """(s - A)^-1, (n, n, bins), nothing at bin zero."""
-        found = np.zeros((*A.shape, self.bins), dtype=complex)
-        poles, V = np.linalg.eig(A)
-        if np.linalg.cond(V) < WORST_RESIDUE_CONDITION:
-            residues = V[:, None, :] * np.linalg.inv(V).T
-            found[..., 1:] = residues @ (1 / (self.s[1:] - poles[:, None]))
-        else:
-            found[..., 1:] = np.linalg.inv(self.s[1:, None, None] * np.eye(A.shape[0]) - A).transpose(1, 2, 0)
-        return found
+    def transfer(self, A: FloatArray) -> _Transfer:
+        modes = Modes.of(A, self.one.dt)
+        gains = np.zeros((len(A), self.bins), dtype=complex)
+        gains[:, 1:] = 1 / (self.s[1:] - modes.poles[:, None])
+        return _Transfer(modes.V, gains, modes.W)
+
+
+class _Transfer(NamedTuple):
+    """(s - A)^-1 of all bins in modal form, nothing at bin zero."""
+
+    V: ComplexArray
+    """(n, modes), of modes in states;"""
+    gains: ComplexArray
+    """(modes, bins)"""
+    W: ComplexArray
+    """(modes, n)"""
+
+    def modal(self, rates: AnyArray, of: Sequence[int] | slice = slice(None)) -> ComplexArray:
+        """Modes (..., modes, bins) that rates of these states (..., states, bins) drive."""
+        return np.asarray((self.W[:, of] @ rates) * self.gains)
+
+    def through(self, rates: AnyArray) -> ComplexArray:
+        """States (..., n, bins) that rates (..., n, bins) drive."""
+        return np.asarray(self.V @ self.modal(rates))
+
+    def ends(self, rows: Sequence[int], part: slice) -> ComplexArray:
+        """What each end state does to these states, in some of the bins, (n, rows, bins)."""
+        residues = self.W.T[:, None, :] * self.V[rows]
+        return np.asarray(residues @ self.gains[:, part])
 
 
 class _Settled(NamedTuple):
@@ -269,36 +291,39 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
     A, B = structure.matrices(structure.vector(named))[:2]
     B = B[:, :m]
     rows = run.measured
-    C = np.eye(n)[rows]
     u, driven = run.on_grid(U), B @ (U * run.hold)
-    transfer = run.resolvent(A)
-    X = _through(transfer, driven[None])[0]
+    transfer = run.transfer(A)
+    X = transfer.through(driven)
     # states that only schedule or measure others: no rate tells where they began, but for rounding
-    unseen = np.max(np.abs(transfer[rows]), (0, 2)) <= UNSEEN * np.max(np.abs(transfer), (0, 2))
+    does = np.max(np.abs(transfer.ends(range(n), slice(1, None, THINNED))), axis=2)
+    unseen = np.max(does[:, rows], axis=1) <= UNSEEN * np.max(does, axis=1)
     outputs, last = X[rows], np.inf
-    before: list[tuple[ComplexArray, ComplexArray]] = []
+    before: list[tuple[ComplexArray, FloatArray]] = []
     free = np.zeros_like(X)
     for count in range(RELAXATIONS):
         if count <= nearer_in:  # the last ones by the same linear part
-            E = transfer[rows][:, :, inside].transpose(1, 0, 2)
+            E = transfer.ends(rows, inside)
             E[unseen] = 0
-            explaining = _Explaining.by(np.ascontiguousarray(E).reshape(n, -1).view(float)) if ended else None
+            explaining = _Explaining.by(E.reshape(n, -1).view(float)) if ended else None
         if explaining is not None:  # the free motion from the run's end states, as the measured rates show it
             ends = explaining.of((run.one.Y - outputs[:, inside]).reshape(-1).view(float))
-            free = np.einsum("ijf,j->if", transfer, ends)
+            free = transfer.through(ends[:, None])
         x = run.on_grid(X + free)
-        rates, y = run.evaluate([named], x[None], u[None])
+        rates, beside = run.evaluate([named], x[None], u[None])
         other = rates[0] - A @ x - B @ u
         if count < nearer_in:
             nearer = (other @ x.T) @ np.linalg.pinv(x @ x.T, rcond=1e-9, hermitian=True)
             A, other = A + nearer, other - nearer @ x
-            transfer = run.resolvent(A)
-        new = _through(transfer, (driven + run.transform(other))[None])[0]
-        change = float(np.max(np.abs(new - X)) / max(float(np.max(np.abs(new))), 1e-300))
+            transfer = run.transfer(A)
+        new = transfer.through(driven + run.transform(other))
+        moved = new - X
+        change = float(np.max(np.abs(moved)) / max(float(np.max(np.abs(new))), 1e-300))
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")
-        outputs = run.transform(y[0]) + C @ (new - X - free)
-        before = [*before[-POINTING:], (X[None], new[None])] if count >= nearer_in and change < STEADY else []
+        outputs = new[rows] if beside is None else new[rows] + run.transform(beside[0])
+        before = (
+            [*before[-POINTING:], (new[None], _flat(moved[None]))] if count >= nearer_in and change < STEADY else []
+        )
         X = new
         if change < RELAXED:
             break
@@ -310,21 +335,24 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
     return _Settled(Y=outputs[:, inside], E=E, X=X, free=free)
 
 
-def _pointed_to(before: Sequence[tuple[AnyArray, AnyArray]]) -> AnyArray:
-    """Where each of a batch settles by its last relaxations, each from where to where, were these linear (Anderson
+def _pointed_to(before: Sequence[tuple[AnyArray, FloatArray]]) -> AnyArray:
+    """Where each of a batch settles by its last relaxations, each to where and by how much, were these linear (Anderson
     1965)."""
-    (here, there), others = before[-1], before[:-1]
+    (there, left), others = before[-1], before[:-1]
     if not others:
         return there
-
-    def flat(one: AnyArray) -> FloatArray:
-        return np.ascontiguousarray(one).reshape(len(one), -1).view(float)
-
-    left = flat(there - here)
-    apart = np.stack([left - flat(to - begin) for begin, to in others], axis=1)
+    apart = np.stack([left - moved for _, moved in others], axis=1)
     gram = _settling(apart @ apart.transpose(0, 2, 1))
-    shares = (np.linalg.pinv(gram, 1e-10, hermitian=True) @ (apart @ left[:, :, None]))[:, :, 0]
-    return np.asarray(there - np.einsum("bj,bj...->b...", shares, np.stack([there - to for _, to in others], axis=1)))
+    shares = (np.linalg.pinv(gram, 1e-10, hermitian=True) @ (apart @ left[:, :, None])).transpose(1, 0, 2)[..., None]
+    found: AnyArray = there * (1 - np.sum(shares, axis=0))
+    for share, (to, _) in zip(shares, others, strict=True):
+        found += share * to
+    return found
+
+
+def _flat(batch: AnyArray) -> FloatArray:
+    """(batch, ...) to (batch, real numbers)."""
+    return np.ascontiguousarray(batch).reshape(len(batch), -1).view(float)
 
 
 class _Explaining(NamedTuple):
@@ -360,8 +388,7 @@ class _Tangent(NamedTuple):
 
     x: FloatArray
     """The run's motion, (n, grid)"""
-    transfer: ComplexArray
-    """(n, n, bins)"""
+    transfer: _Transfer
     rows: list[int]
     """States whose rates wander;"""
     columns: list[int]
@@ -370,54 +397,59 @@ class _Tangent(NamedTuple):
     """Of the latter's motion, (columns, 1)"""
     rates: FloatArray
     """(rows, columns, grid)"""
-    outputs: FloatArray
-    """(k, columns, grid), beside what is measured of the states themselves"""
+    outputs: FloatArray | None
+    """(k, columns, grid), beside what is measured of the states themselves; None where nothing is"""
 
     @classmethod
     def at(cls, run: _Run, named: Mapping[str, float], X: ComplexArray, u: FloatArray) -> _Tangent:
         """About X (n, bins), with commands u (m, grid), by a small step of each state."""
         structure = run.structure
         x, A = run.on_grid(X), structure.matrices(structure.vector(named)).A
-        n, C = len(x), np.eye(len(x))[run.measured]
+        n = len(x)
         size = np.max(np.abs(x), axis=1, keepdims=True)
         size[size == 0] = 1.0
         stepped = np.concatenate([x[None], x + TANGENT_STEP * size * np.eye(n)[:, :, None]])
-        rates, outputs = run.evaluate([named] * (n + 1), stepped, np.broadcast_to(u, (n + 1, *u.shape)))
+        rates, beside = run.evaluate([named] * (n + 1), stepped, np.broadcast_to(u, (n + 1, *u.shape)))
         # of a state's own size: (states, rates or outputs, grid)
         of_rates = (rates[1:] - rates[0]) / TANGENT_STEP - (size * A.T)[:, :, None]
-        of_outputs = (outputs[1:] - outputs[0]) / TANGENT_STEP - (size * C.T)[:, :, None]
         acting = np.max(np.abs(of_rates), axis=2) > ROUNDING * np.max(np.abs(rates[0]), axis=1)
-        seen = np.max(np.abs(of_outputs), axis=2) > ROUNDING * np.max(np.abs(outputs[0]), axis=1)
         of_rates *= acting[:, :, None] / size[:, :, None]
         mean = np.mean(of_rates, axis=2)
         rows = np.flatnonzero(acting.any(axis=0)).tolist()
-        columns = np.flatnonzero(acting.any(axis=1) | seen.any(axis=1)).tolist()
+        columns, measured = acting.any(axis=1), None
+        if beside is not None:
+            of_outputs = (beside[1:] - beside[0]) / TANGENT_STEP
+            seen = np.max(np.abs(of_outputs), axis=2) > ROUNDING * np.max(np.abs(x[run.measured] + beside[0]), axis=1)
+            columns |= seen.any(axis=1)
+            measured = (of_outputs * seen[:, :, None] / size[:, :, None])[columns].transpose(1, 0, 2)
         wandering = (of_rates - mean[:, :, None])[np.ix_(columns, rows)].transpose(1, 0, 2)
-        measured = (of_outputs * seen[:, :, None] / size[:, :, None])[columns].transpose(1, 0, 2)
-        return cls(x, run.resolvent(A + mean.T), rows, columns, size[columns], wandering, measured)
+        numbers = np.flatnonzero(columns).tolist()
+        return cls(x, run.transfer(A + mean.T), rows, numbers, size[numbers], wandering, measured)
 
-    def settled(self, run: _Run, driving: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+    def settled(self, run: _Run, driving: ComplexArray) -> tuple[ComplexArray, FloatArray | None]:
         """Small motions that rates (batch, n, bins) drive: the measured states (batch, k, bins), and what outputs show
-        beside them (batch, k, grid)."""
-        moved = _through(self.transfer, driving)
-        if not self.columns:
-            return moved[:, run.measured], np.zeros((len(moved), len(run.measured), run.grid))
-        plain = run.on_grid(moved[:, self.columns]) / self.size
-        back = self.transfer[:, self.rows]
-        moving, settled, answered = plain, plain, np.zeros_like(moved)
+        beside them (batch, k, grid), if anything."""
+        V, columns = self.transfer.V, self.columns
+        modes = self.transfer.modal(driving)
+        if not columns:
+            return V[run.measured] @ modes, None
+        plain = run.on_grid(V[columns] @ modes) / self.size
+        moving, settled, answered = plain, plain, np.zeros_like(modes)
         before: list[tuple[FloatArray, FloatArray]] = []
         for _ in range(RELAXATIONS if self.rows else 0):
-            answered = _through(back, run.transform(np.einsum("rct,bct->brt", self.rates, self.size * moving)))
-            settled = plain + run.on_grid(answered[:, self.columns]) / self.size
-            change, most = (np.max(np.abs(one), axis=(1, 2)) for one in (settled - moving, settled))
+            rates = np.einsum("rct,bct->brt", self.rates, self.size * moving)
+            answered = self.transfer.modal(run.transform(rates), self.rows)
+            settled = plain + run.on_grid(V[columns] @ answered) / self.size
+            moved = settled - moving
+            change, most = (np.max(np.abs(one), axis=(1, 2)) for one in (moved, settled))
             if not np.all(np.isfinite(change)):
                 raise RelaxationError("the response grows without limit")
-            before.append((moving, settled))
+            before.append((settled, _flat(moved)))
             if np.all(change <= DIFFERENCE_RELAXED * most):
                 break
             moving = _pointed_to(before)
-        moved += answered
-        return moved[:, run.measured], np.einsum("kct,bct->bkt", self.outputs, self.size * settled)
+        beside = None if self.outputs is None else np.einsum("kct,bct->bkt", self.outputs, self.size * settled)
+        return V[run.measured] @ (modes + answered), beside
 
 
 def _settle_beside(
@@ -433,11 +465,9 @@ def _settle_beside(
     rates, outputs = run.evaluate(batch, np.broadcast_to(tangent.x, (len(batch), *tangent.x.shape)), u)
     B = run.structure.matrices(np.stack([run.structure.vector(at) for at in batch])).B[..., :m].real
     held, other = B @ (bins * run.hold), rates - B @ u
-    measured, beside = tangent.settled(run, held[1:] - held[0] + run.transform(other[1:] - other[0]))
-    moved = measured + run.transform(outputs[1:] - outputs[0] + beside)
+    moved, beside = tangent.settled(run, held[1:] - held[0] + run.transform(other[1:] - other[0]))
+    if outputs is not None:
+        beside = outputs[1:] - outputs[0] + (0.0 if beside is None else beside)
+    if beside is not None:
+        moved = moved + run.transform(beside)
     return np.asarray(moved[..., run.inside])
-
-
-def _through(transfer: ComplexArray, driving: ComplexArray) -> ComplexArray:
-    """(n, n, bins) times (batch, n, bins)."""
-    return np.asarray(np.einsum("ijf,bjf->bif", transfer, driving))

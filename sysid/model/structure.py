@@ -7,7 +7,7 @@ numbers. Commands are held between samples, so discretisation by the matrix expo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -190,7 +190,7 @@ class Structure:
         Parameters and signals are whatever broadcasts: scalars, unit vectors, time histories.
         """
         known = {"g": G, **dict(self.constants), **parameters, **signals}
-        evaluation = _Evaluation(known, {f"{state}_dot": 0.0 * known[state] for state in self.states})
+        evaluation = _Evaluation(known, frozenset(f"{state}_dot" for state in self.states))
         before = [effect for effect in self.composed if effect.stage < Stage.DYNAMICS]
         for effect in before:
             self._apply(effect, evaluation)
@@ -200,7 +200,9 @@ class Structure:
                 evaluation.take(equations(evaluation.signals))
         for effect in self.composed[len(before) :]:
             self._apply(effect, evaluation)
-        known, rates = evaluation.known, evaluation.rates
+        rates = evaluation.rates
+        for state in self.states:
+            rates.setdefault(f"{state}_dot", 0.0 * known[state])
         for axis, rate in (("phi", "p"), ("theta", "q")):
             if axis in self.attitude_states:
                 rates[f"{axis}_dot"] = known[rate]
@@ -222,8 +224,9 @@ class Structure:
 class _Evaluation:
     """Signals and rates while the equations are gone through in order."""
 
-    def __init__(self, known: dict[str, Any], rates: dict[str, Any]) -> None:
-        self.known, self.rates = known, rates
+    def __init__(self, known: dict[str, Any], possible: Collection[str]) -> None:
+        self.known, self.possible = known, possible
+        self.rates: dict[str, Any] = {}
 
     @property
     def signals(self) -> Signals:
@@ -233,8 +236,9 @@ class _Evaluation:
         """Rates add up, or are redefined; signals are redefined."""
         known, rates = self.known, self.rates
         for key, value in changes.items():
-            if key in rates:
-                rates[key] = known[key] = value if redefine_rates else rates[key] + value
+            if key in self.possible:
+                adds = key in rates and not redefine_rates
+                rates[key] = known[key] = rates[key] + value if adds else value
             elif key.endswith("_dot"):
                 raise ValueError(f"{key}: there is no state {key.removesuffix('_dot')}")
             else:
