@@ -46,6 +46,21 @@ def test_where_a_filter_of_the_gyros_began_does_not_matter_to_the_rates() -> Non
             assert np.linalg.norm(own - behind) < 0.01 * np.linalg.norm(behind)
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-12, 1e-6, 1.0])
+def test_a_linear_part_of_equal_poles_answers_as_bin_by_bin(apart: float) -> None:
+    flown = [Record(f"#{i}", run) for i, run in enumerate(fly(None, {}, seed=4, duration_s=8.0))]
+    (group,) = dataset(flown, (0.3, 10.0)).stacks
+    run = relaxation._Run(compose("cd", []), group.spectra[0])
+    A = np.array([[-3.0, 20.0, 0.0], [0.0, -3.0 - apart, 0.0], [1.0, 0.0, 0.0]])
+    rates = np.random.default_rng(5).normal(size=(3, run.bins)) + 0j
+    plain = np.linalg.solve(run.s[1:, None, None] * np.eye(3) - A, rates[:, 1:].T[..., None])[..., 0].T
+    found = run.transfer(A)
+    assert np.max(np.abs(found.through(rates)[:, 1:] - plain)) < 1e-5 * np.max(np.abs(plain))
+    assert not np.any(found.through(rates)[:, 0])
+    from_ends = np.linalg.inv(run.s[run.inside, None, None] * np.eye(3) - A).transpose(2, 1, 0)[:, [0, 2]]
+    assert np.max(np.abs(found.ends([0, 2], run.inside) - from_ends)) < 1e-5 * np.max(np.abs(from_ends))
+
+
 def test_states_that_hardly_move_do_not_make_the_linear_part_run_away() -> None:
     strange = fly_stranger(SEED)
     groups = dataset(records(strange), strange.plan.vehicle.band_hz).stacks
