@@ -22,6 +22,7 @@ from sysid.diagnose.confidence import (
     SURE_OF_A_MODE,
     TOLD_IN_A_LOOP,
     UNEXPLAINED_IN_A_LOOP_RIGHT,
+    UNSTABLE_RIGHT,
     lead,
     leaves_more,
     of_chain,
@@ -321,7 +322,7 @@ def _told(
 
 def _sure(winner: Ranked, confidence: float) -> float:
     """No surer than answers of unstable models are, where it is one."""
-    return confidence if winner.fit is None or winner.fit.model.stable else min(confidence, IN_A_LOOP_RIGHT)
+    return confidence if winner.fit is None or winner.fit.model.stable else min(confidence, UNSTABLE_RIGHT)
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Ranked | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sysid.diagnose.confidence import SURE_FROM, SURE_FROM_NOT_EXCITED, of_single
+from sysid.diagnose.candidates import SIGNIFICANT
+from sysid.diagnose.confidence import SURE_FROM, SURE_FROM_NOT_EXCITED, UNEXPLAINED_RIGHT, of_single, of_unexplained
 from sysid.diagnose.likely import Class
 
 ALONE = Class(alike=(), equivalent={}, named=1.0, whole=1.0)
@@ -34,3 +35,10 @@ def test_only_names_that_were_right_wherever_they_were_known_are_told_to_be_sure
 
 def test_the_same_lead_is_told_less_sure_where_no_excitation_is_logged() -> None:
     assert np.all(np.array(told(False)) <= np.array(told(True)))
+
+
+def test_what_hardly_shows_is_less_surely_unexplained() -> None:
+    each = [of_unexplained(None, SIGNIFICANT - further, 0.0) for further in (1e-9, 1.0, 4.0, 20.0, 200.0)]
+    assert each == sorted(each)
+    assert 0.6 < each[0] < 0.7 < each[2] < 0.85 < each[3] < each[4] == UNEXPLAINED_RIGHT
+    assert of_unexplained(None, SIGNIFICANT + 1e-9, 0.0) == 0

@@ -59,6 +59,8 @@ SLOW_FILTER = 4005786
 """A helicopter of 90 kg whose gyros are filtered at 12 Hz, in bursts of 2.8 times the usual gusts."""
 WAKE_IN_A_LOOP = 4004305
 """A small helicopter with a wing in the wake; no excitation is logged."""
+VAGUELY_VALIDATED = 4036006
+"""A helicopter in a strong loop whose servos move no faster than 7.13 1/s; validation runs hardly tell how fast."""
 LIMIT_IN_A_LOOP = 4004371
 """A helicopter whose servos end at 0.32, which only the fitted runs reach; no excitation is logged."""
 MODE_IN_A_LOOP = 4021628
@@ -217,6 +219,16 @@ def test_a_limit_that_only_a_chain_finds_is_named_alone(monkeypatch: pytest.Monk
     assert (found.verdict, found.chain) == ("missing", ("servo_rate_limit",))
     assert found.winner is not None
     assert found.winner.values["rate"] == pytest.approx(7.97, rel=0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_rate_limit",)], indirect=True)
+def test_a_limit_that_explains_nearly_all_by_power_is_judged_by_the_noise() -> None:
+    found = asked(VAGUELY_VALIDATED)
+    assert (found.verdict, found.effect) == ("missing", "servo_rate_limit")
+    assert found.winner is not None
+    assert found.winner.values["rate"] == pytest.approx(7.13, rel=0.05)
 
 
 @pytest.mark.thorough
