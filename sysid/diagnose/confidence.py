@@ -43,10 +43,10 @@ HARDLY, SURPRISE = 0.7, 4.0
 """How sure it is that something is there which is just significant, and powers of e beyond, that make it so much surer:
 of 16 strangers that were called unexplained within ten of that, their excitation logged, 14 were right."""
 IN_A_LOOP_RIGHT = 0.5
-"""At most, where the loop alone could make what is left unexplained: of 83 such answers on strangers 43 were right, of
-68 on later ones 38."""
+"""At most, where the loop alone could make what is left unexplained, or the model that was found, which is unstable: of
+83 such answers on strangers 43 were right, of 68 of the former on later ones 38."""
 UNSTABLE_RIGHT = 0.8
-"""At most, where the model that was found is unstable: 14 of 14 on the later ones were right."""
+"""At most, where that is unstable and an excitation is logged: 9 of 9 on the later ones were right."""
 UNEXPLAINED_IN_A_LOOP_RIGHT = 0.85
 """At most, where more is left unexplained than loops make and no excitation was logged: of 73 and 25, 59 and 22 were
 right."""

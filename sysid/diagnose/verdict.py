@@ -266,7 +266,7 @@ def _answer(
     singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: Shares, reference: Reference, chance: float
 ) -> _Answer:
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
-    winner = _winner(singles, pairs, reference)
+    winner, parent = _winner(singles, pairs, reference), reference.parent
     if winner is None or winner.fit is None:
         sure = _of_unexplained(None, chance, 0.0, reference, shares)
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
@@ -288,7 +288,7 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=_sure(winner, told if missing else _told(winner, among, ratio, shares, reference, chance)),
+        confidence=_sure(winner, told if missing else _told(winner, among, ratio, shares, reference, chance), parent),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
@@ -320,9 +320,11 @@ def _told(
     return _of_unexplained(winner, chance, of_named(ratio, short, among) if single else chain, reference, shares)
 
 
-def _sure(winner: Ranked, confidence: float) -> float:
+def _sure(winner: Ranked, confidence: float, parent: Candidate) -> float:
     """No surer than answers of unstable models are, where it is one."""
-    return confidence if winner.fit is None or winner.fit.model.stable else min(confidence, UNSTABLE_RIGHT)
+    if winner.fit is None or winner.fit.model.stable:
+        return confidence
+    return min(confidence, UNSTABLE_RIGHT if parent.division.measured else IN_A_LOOP_RIGHT)
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Ranked | None:
