@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from sysid.diagnose.candidates import SIGNIFICANT
 from sysid.diagnose.confidence import SURE_FROM, SURE_FROM_NOT_EXCITED, UNEXPLAINED_RIGHT, of_single, of_unexplained
 from sysid.diagnose.likely import Class
+from sysid.diagnose.verdict import _sure
 
 ALONE = Class(alike=(), equivalent={}, named=1.0, whole=1.0)
 SURE = 0.9
@@ -42,3 +46,13 @@ def test_what_hardly_shows_is_less_surely_unexplained() -> None:
     assert each == sorted(each)
     assert 0.6 < each[0] < 0.7 < each[2] < 0.85 < each[3] < each[4] == UNEXPLAINED_RIGHT
     assert of_unexplained(None, SIGNIFICANT + 1e-9, 0.0) == 0
+
+
+@pytest.mark.parametrize(("measured", "most"), [(True, 0.8), (False, 0.5)])
+def test_what_is_found_unstable_is_told_less_sure_least_of_all_in_a_loop(measured: bool, most: float) -> None:
+    parent: Any = SimpleNamespace(division=SimpleNamespace(measured=measured))
+    for stable, said in ((True, 0.97), (False, most)):
+        winner: Any = SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(stable=stable)))
+        assert _sure(winner, 0.97, parent) == said
+        assert _sure(winner, 0.3, parent) == 0.3
+    assert _sure(SimpleNamespace(fit=None), 0.97, parent) == 0.97  # type: ignore[arg-type]
