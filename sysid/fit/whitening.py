@@ -21,7 +21,7 @@ from sysid.model.structure import AnyArray, FloatArray, Model
 def whitener_of(spectrum: ComplexArray) -> ComplexArray:
     """Lower triangular matrices (bins, k, k) that turn noise of this spectral matrix (bins, k, k) into rows of unit
     variance."""
-    return np.tril(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(spectrum)))
+    return np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(spectrum)))
 
 
 def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
@@ -33,7 +33,7 @@ def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
     for row, parts in enumerate(weight):
         np.multiply(parts[row], columns[:, row], out=found[:, row])
         for column, part in enumerate(parts):
-            if column != row and part.any():
+            if column != row:
                 found[:, row] += part * columns[:, column]
     return found
 
@@ -50,16 +50,13 @@ class Whitening:
 
     def __call__(self, outputs: Sequence[ComplexArray]) -> FloatArray:
         """For every stack (columns, k, bins), unscaled -> (columns, N)."""
-        found = np.empty((len(outputs[0]), sum(2 * Y[0].size for Y in outputs)))
-        begin = 0
+        parts = []
         for group, whitener, bases, Y in zip(self.stacks, self.whitener, self.ends, outputs, strict=True):
-            white = weighed(group.scale * np.ascontiguousarray(whitener.transpose(1, 2, 0)), Y)
+            white = weighed(group.scale * whitener.transpose(1, 2, 0), Y)
             for part, basis in zip(group.slices, bases, strict=True):
                 some = rows(white[..., part])
-                end = begin + some.shape[1]
-                np.subtract(some, (some @ basis.T) @ basis, out=found[:, begin:end])
-                begin = end
-        return found
+                parts.append(some - (some @ basis.T) @ basis)
+        return np.concatenate(parts, axis=1)
 
     def louder(self, times: FloatArray) -> Whitening:
         """By noise that is so many times as loud, (bins,), all stacks', in standard deviations."""
