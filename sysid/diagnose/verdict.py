@@ -266,7 +266,7 @@ def _answer(
     singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: Shares, reference: Reference, chance: float
 ) -> _Answer:
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
-    winner, parent = _winner(singles, pairs, reference), reference.parent
+    winner = _winner(singles, pairs, reference)
     if winner is None or winner.fit is None:
         sure = _of_unexplained(None, chance, 0.0, reference, shares)
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
@@ -281,6 +281,7 @@ def _answer(
     told = _told(winner, among, ratio, shares, reference, None)
     doubtful = len(chain) > 1 and _only_resembles(winner, named, told)
     missing = missing and not doubtful and not _made_by_the_loop(winner, named, told, shares, reference, chance)
+    right = told if missing else _told(winner, among, ratio, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -288,7 +289,7 @@ def _answer(
         chain=chain,
         indistinguishable=among.alike,
         equivalent=among.equivalent,
-        confidence=_sure(winner, told if missing else _told(winner, among, ratio, shares, reference, chance), parent),
+        confidence=_sure(winner, right, reference.parent),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),

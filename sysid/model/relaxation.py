@@ -304,7 +304,7 @@ def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool
         if count <= nearer_in:  # the last ones by the same linear part
             E = transfer.ends(rows, inside)
             E[unseen] = 0
-            explaining = _Explaining.by(E.reshape(n, -1).view(float)) if ended else None
+            explaining = _Explaining.by(_flat(E)) if ended else None
         if explaining is not None:  # the free motion from the run's end states, as the measured rates show it
             ends = explaining.of((run.one.Y - outputs[:, inside]).reshape(-1).view(float))
             free = transfer.through(ends[:, None])

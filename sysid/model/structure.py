@@ -201,11 +201,12 @@ class Structure:
         for effect in self.composed[len(before) :]:
             self._apply(effect, evaluation)
         rates = evaluation.rates
-        for state in self.states:
-            rates.setdefault(f"{state}_dot", 0.0 * known[state])
         for axis, rate in (("phi", "p"), ("theta", "q")):
             if axis in self.attitude_states:
                 rates[f"{axis}_dot"] = known[rate]
+        for state in self.states:
+            if f"{state}_dot" not in rates:
+                rates[f"{state}_dot"] = 0.0 * known[state]
         return rates, {name: known.get(f"{name}_m", known[name]) for name in self.outputs}
 
     def _apply(self, effect: Effect, evaluation: _Evaluation) -> None:
