@@ -42,6 +42,8 @@ USEFUL, ENOUGH = 3, 0.7
 
 TWINS = 1e-6
 """Of what two effects explain alone, by which their answers may differ and they be one under two names."""
+ALIKE = 0.2
+"""Of what two effects explain, up to which their answers may differ and they explain the same."""
 BETWEEN_SAMPLES = 1 / 3
 """Of the answer's chi squared: what acts on samples and has so much is as good where a log lost some. 9 strange flights
 of play or a dead band, at 50 to 125 Hz, were named one of the two, 3 wrongly; then the right one had 0.39 to 0.88."""
@@ -130,6 +132,26 @@ def _in_the_place_of_a_half(
                 yield one, name, least
 
 
+def with_unasked(among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked]) -> Class:
+    """The class of a chain with what alone is like a half of it, or like what may stand there, and as good, and was not
+    fitted beside the other half: the search had no more time, and nothing tells them apart. No more than are of use."""
+    if len(winner.effects) == 1:
+        return among
+    asked = {frozenset(one.effects) for one in chains if one.fit is not None}
+    known = {*winner.effects, *among.alike, *(name for names in among.equivalent.values() for name in names)}
+    fitted = [one for one in singles if one.stepped is not None and not one.implausible]
+    more = [
+        each.effect
+        for half, other in (winner.effects, winner.effects[::-1])
+        for one in fitted
+        if one.effect == half or (one.effect in among.alike and frozenset((one.effect, other)) in asked)
+        for each in fitted
+        if each.effect not in known and frozenset((each.effect, other)) not in asked
+        if _as_good(each, one)
+    ]
+    return replace(among, alike=(*among.alike, *dict.fromkeys(more))[: max(USEFUL - 1, len(among.alike))])
+
+
 def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
     """The class of a chain with what is one with an entry of it alone: beside what is linear, or acts on samples of the
     commands before it, it is so too, wherever a fit of its own ended, if there was one."""
@@ -154,6 +176,14 @@ def twins(one: Ranked, other: Ranked) -> bool:
     assert other.stepped is not None
     apart = gain(one.stepped, other.stepped)[1]
     return one.added == other.added and apart <= TWINS * min(one.chi_squared, other.chi_squared)
+
+
+def _as_good(one: Ranked, other: Ranked) -> bool:
+    """Whether it explains alone what the other does, and is as likely, its numbers paid."""
+    assert one.stepped is not None
+    assert other.stepped is not None
+    apart = gain(other.stepped, one.stepped)[1]
+    return one.delta_bic <= other.delta_bic + SAME_POWER and apart <= ALIKE * min(one.chi_squared, other.chi_squared)
 
 
 def _on_samples(one: Ranked) -> bool:

@@ -47,7 +47,7 @@ class Answer:
 
     first: Diagnosis
     second: Diagnosis | None
-    """With the answer added, where two are hidden."""
+    """With the answer added, as `tippath add` fits it, where two are hidden."""
     clocks: str | None
     """What is said of the time of the commands, where it explains what is left: `CommandsThinned`, `CommandsLate`."""
     seconds: float
@@ -86,7 +86,8 @@ def ask(stranger: Stranger) -> Answer:
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and _is_added(found):
-        second = diagnose(on_runs(base, (found.effect,), runs, fitted), fitted, judging, band_hz)
+        added = identify(on_runs(base, (), runs, fitted), fitted, judging, band_hz, effects=(found.effect,))
+        second = diagnose(added.model.structure, fitted, judging, band_hz, begin=added.model)
     return Answer(found, second, None if early is None else type(early).__name__, taken)
 
 

@@ -230,6 +230,36 @@ def test_what_is_one_alone_is_one_in_a_chain_too_wherever_its_fit_ended(
     assert likely.with_twins(declared(lag, [lag]), lag, [lag, gyro]).equivalent == {}, "of a single one fits tell"
 
 
+def test_what_the_search_had_no_time_for_is_as_good_beside_another_half_as_alone() -> None:
+    """Beside a damping of squared rates servos of second order were fitted, and a filter of the gyros, which alone is
+    the same and was the truth, was not."""
+
+    def chain(name: str, behind: float = 0.0) -> Ranked:
+        return replace(refitted(name, behind), effects=(name, "quadratic_damping"))
+
+    servos, filtered = refitted("servo_second_order"), refitted("gyro_filter", 0.5)
+    damping, other = refitted("quadratic_damping", 0.8 * CHI_SQUARED, 1), refitted("lead_lag", -0.5 * CHI_SQUARED, 2)
+    winner = chain("servo_second_order")
+    found = declared(winner, [winner])
+
+    def alike(singles: list[Ranked], chains: list[Ranked], among: likely.Class = found) -> tuple[str, ...]:
+        return likely.with_unasked(among, winner, singles, chains).alike
+
+    every = [servos, filtered, other, damping]
+    assert alike(every, [winner]) == ("gyro_filter",)
+    assert alike(every, [winner, chain("gyro_filter", 60.0)]) == (), "fits told it"
+    assert alike([servos, replace(filtered, implausible=("zeta",)), damping], [winner]) == ()
+    assert alike([servos, refitted("gyro_filter", 3.0), damping], [winner]) == (), "less likely alone"
+    assert alike([servos, refitted("gyro_filter", 0.5, 3), damping], [winner]) == ("gyro_filter",)
+    assert likely.with_unasked(declared(servos, [servos]), servos, every, []).alike == (), "of a single one fits tell"
+    # beside one of the class, too; but no longer lists than are of use
+    delay = refitted("transport_delay", 40.0)
+    told = replace(found, alike=("transport_delay",))
+    late = [delay, refitted("servo_lag", 40.0), refitted("gyro_lag", 40.0)]
+    assert alike([servos, *late], [winner, chain("transport_delay", 5.0)], told) == ("transport_delay", "servo_lag")
+    assert alike([servos, *late], [winner], told) == ("transport_delay",), "that it stands there no chain says"
+
+
 def test_a_likelier_rival_of_doubtful_values_hides_no_other() -> None:
     lag, other = refitted("gyro_lag", 30.0), refitted("gyro_filter", 31.0, 2)
     inflow = refitted("dynamic_inflow", 0.0, 1)

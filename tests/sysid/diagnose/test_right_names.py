@@ -14,7 +14,7 @@ from gcs.analysis.text.verdict import _by_the_noise as by_the_noise_words
 from sysid.data import preprocess
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import candidates, choice, diagnose, reach, refits, score, shares, size_check, verdict
+from sysid.diagnose import candidates, chains, choice, diagnose, reach, refits, score, shares, size_check, verdict
 from sysid.diagnose.shares import Shares
 from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import ByWhatIsNew, validation_of
@@ -71,6 +71,9 @@ LATE_MOTORS_IN_GUSTS = 4008471
 """A quadrotor whose motors lag by 100 ms, in slow gusts that leave more than it moves."""
 GOVERNED_IN_GUSTS = 4024932
 """A helicopter with a governor that explains three quarters of what can be explained by power, and all by the noise."""
+DRIFT_IN_A_LOOP = 4038949
+"""A helicopter that its speed turns and whose servos have two poles at 38 Hz; no excitation is logged, and every second
+sample."""
 SHORT_DELAY = 4020686
 """A small helicopter with a delay of 2.7 ms; every fourth sample is logged."""
 
@@ -439,3 +442,19 @@ def test_entries_of_the_same_equations_end_at_the_same() -> None:
     """A lag of the gyros that no gyro has was likelier by chi squared of 25, for where its fit had ended."""
     explained = {one.effect: one.chi_squared for one in asked(LATE_MOTORS_IN_GUSTS).candidates}
     assert explained["motor_lag"] == pytest.approx(explained["gyro_lag"], rel=1e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "gyro_lag", "speed_stability")], indirect=True)
+def test_chains_that_are_the_same_by_their_halves_end_at_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One had ended far off, where the speed's damping is at its bound."""
+
+    def apart() -> float:
+        explained = [one.chi_squared for one in asked(DRIFT_IN_A_LOOP).pairs if "speed_stability" in one.effects]
+        assert len(explained) == 2
+        return max(explained) - min(explained)
+
+    assert apart() < 5
+    monkeypatch.setattr(chains, "levelled", lambda *_: {})
+    assert apart() > 100
