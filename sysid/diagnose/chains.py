@@ -99,7 +99,7 @@ def chains_of_two(
     chains = _Chains(fitted, reference, say, budget, named is not None)
     if named is None and (other := _best_elsewhere(able)) is not None:
         chains.fit(able[0], other)
-    if not chains.search(able, fitted):
+    if not chains.search(able):
         return ChainSearch()  # the best one alone leaves noise
     return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
 
@@ -165,7 +165,7 @@ class _Chains:
     def best(self) -> Ranked:
         return min(self.found.values(), key=lambda one: one.delta_bic)
 
-    def search(self, able: Sequence[Ranked], fitted: Sequence[Ranked]) -> bool:
+    def search(self, able: Sequence[Ranked]) -> bool:
         """Begin with the best of the able, then with the halves of the best chain; False where the very best alone
         leaves noise."""
         waiting, done = _different(able), set[str]()
@@ -182,12 +182,18 @@ class _Chains:
                 break
             if not waiting and self.found:
                 # each half of the best chain may have another partner that does better still
-                best = self.best
-                waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
+                waiting = self.halves_of_the_best(done)
         if self.found:
             self.exchange_halves()
             self.found |= levelled(self.best, self.found, self.alone, self.reference)
         return True
+
+    def halves_of_the_best(self, done: set[str]) -> list[Ranked]:
+        """Those of them that were not begun with; fitted alone now, where they scored too little to be before."""
+        names = [name for name in self.best.effects if name not in done]
+        for name in names:
+            self.fitted_alone(_unasked(name))
+        return [self.single[name] for name in names if name in self.single]
 
     def leaves_noise(self, chain: Ranked) -> bool:
         """Whether a chain of no doubtful values explains all: then others can but take its halves' places."""

@@ -50,9 +50,9 @@ def test_beside_one_that_only_stands_in_and_leaves_noise_others_are_tried(monkey
 
     monkeypatch.setattr(chains._Chains, "begin_with", leaves_noise)
     bar, lag = alone("stabiliser_bar", 320.0, ("tau_b",)), alone("servo_lag", 180.0)
-    assert search_of(False, bar, lag).search([bar, lag], [bar, lag])
+    assert search_of(False, bar, lag).search([bar, lag])
     assert begun == ["stabiliser_bar", "servo_lag"]
-    assert not search_of(False, lag).search([lag], [lag])
+    assert not search_of(False, lag).search([lag])
 
 
 @pytest.mark.parametrize("left", [0.0, 20.0, 30.0])
@@ -72,11 +72,35 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     monkeypatch.setattr(chains, "misfit", lambda _: left)
     monkeypatch.setattr(chains._Chains, "begin_with", begin)
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: left == 0)
+    monkeypatch.setattr(chains._Chains, "fitted_alone", lambda *_: None)
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: begun.append("exchanged"))
     monkeypatch.setattr(chains, "levelled", lambda *_: {})
-    assert search.search([bar, lag], [bar, lag])
+    assert search.search([bar, lag])
     expected = {0.0: ["stabiliser_bar", "exchanged"], 20.0: ["stabiliser_bar", "servo_lag", "exchanged"]}
     assert begun == expected.get(left, ["stabiliser_bar"])
+
+
+def test_a_half_that_scored_too_little_to_be_fitted_alone_is_begun_with_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damping of squared rates beside what stood in for late servos: beside it the servos were found."""
+    wing, damping = alone("slipstream_wing", 4693.0, ("tau_w",)), alone("quadratic_damping", 380.0)
+    search, begun = search_of(False, wing), list[str]()
+
+    def begin(_: object, one: Ranked) -> bool:
+        begun.append(one.effect)
+        search.found["", ""] = replace(alone("", 4816.0, ("tau_w",)), effects=("slipstream_wing", "quadratic_damping"))
+        return True
+
+    def fitted_alone(_: object, one: Ranked) -> None:
+        search.single |= {one.effect: damping} if one.effect == "quadratic_damping" else {}
+
+    monkeypatch.setattr(chains, "misfit", lambda _: 43.0)
+    monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)
+    monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: None)
+    monkeypatch.setattr(chains._Chains, "begin_with", begin)
+    monkeypatch.setattr(chains._Chains, "fitted_alone", fitted_alone)
+    monkeypatch.setattr(chains, "levelled", lambda *_: {})
+    assert search.search([wing])
+    assert begun == ["slipstream_wing", "quadratic_damping"]
 
 
 def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
