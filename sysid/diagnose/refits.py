@@ -32,9 +32,11 @@ KEPT, KEPT_ON_SAMPLES = 0.5, 0.7
 below the gusts had half of it, in a valley of these."""
 FAR = 0.5
 """Of a value: a limit of 24 1/s was left at 90, where it explains little, and its slope promised much further down."""
-SERIOUS = 0.3
-"""Share of the best score from which on a candidate is refitted: of 800 right names of single effects on strangers that
-judgements had spent none scored less than 0.38 of the best, and halves of chains are asked beside the first."""
+SERIOUS, SERIOUS_SLOW = 0.1, 0.3
+"""Share of the best score from which on a linear entry is refitted, and one that takes simulations or a long search: of
+800 right names of single effects on strangers that judgements had spent none scored less than 0.38 of the best, and
+halves of chains are asked beside the first. (On a real quadrotor, far from none, one step promised a lag 0.2 of what a
+filter did, and at a negative value.)"""
 WORTH_THE_TIME = math.log(0.01)
 """Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
 twice. All points counted in, a mode that explained chi squared of 130 was above it."""
@@ -85,7 +87,7 @@ class _Order:
         self.slow = list(_worth_simulating(self.testable))
 
     def serious(self, one: Ranked) -> bool:
-        return _share(one, self.top) >= SERIOUS
+        return _share(one, self.top) >= (SERIOUS if _quick(one) else SERIOUS_SLOW)
 
     def fit(self, one: Ranked) -> None:
         """Refit it, and keep it where it is the best."""

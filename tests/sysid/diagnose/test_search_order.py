@@ -70,8 +70,8 @@ def test_beside_one_that_leaves_noise_nothing_slow_that_could_not_be_as_good(mon
 
 @pytest.mark.parametrize("enough", [None, "gyro_lag"])
 def test_what_scores_far_below_the_best_is_not_refitted(enough: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    little = [scored("hub_gyroscopics", 250.0), scored("servo_deadband", 250.0), scored("quadratic_damping", 250.0)]
-    more = [scored("gyro_lag", 1000.0), scored("servo_lag", 350.0)]
+    little = [scored("hub_gyroscopics", 90.0), scored("servo_deadband", 250.0), scored("quadratic_damping", 250.0)]
+    more = [scored("gyro_lag", 1000.0), scored("servo_lag", 150.0)]
     assert order(monkeypatch, [*little, *more], enough) == ["gyro_lag", "servo_lag"]
 
 
