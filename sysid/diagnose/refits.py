@@ -19,6 +19,7 @@ from sysid.diagnose.candidates import (
     values_outside,
 )
 from sysid.diagnose.evidence import Candidate, White, refit
+from sysid.diagnose.likely import SAME, misfit
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
@@ -99,14 +100,33 @@ class _Order:
         self.say(heard(again, self.parent, _avoidable(self.best, self.parent)))
 
     def level(self) -> None:
-        """Of entries of the same equations, whose fits ended apart, the worse from where the better one is: a motor lag
-        was outdone by a lag of the gyros that none may have."""
+        """What another contains, and is surely told from, once more from where that one ended: late motors had been
+        likelier as a lag of each axis by chi squared of 266, at two lags that were the same. Then of entries of the
+        same equations the worse from where the better one is: a motor lag was outdone by a lag of the gyros that none
+        may have."""
         known = catalogue()
-        for effect in [one.effect for one in self.found.values() if one.effect in known]:
+        fitted = [one.effect for one in self.found.values() if one.effect in known and one.fit is not None]
+        for effect in fitted:
+            for name in set(known[effect].contains) & set(fitted):
+                self._level_inside(self.found[(effect,)], self.found[(name,)])
+        for effect in fitted:
             for name in known[effect].same_as:
                 one, other = self.found[(effect,)], self.found.get((name,))
                 if effect < name and other is not None and one.fit is not None and other.fit is not None:
                     self._level((one, one.fit), (other, other.fit))
+
+    def _level_inside(self, larger: Ranked, one: Ranked) -> None:
+        """Begin an entry of one number at the mean of those that the one has which contains it."""
+        assert larger.fit is not None
+        assert one.fit is not None
+        parent, there = self.parent, larger.fit.model
+        mine, his = ([name for effect in each.own for name in effect.names] for each in (one, larger))
+        behind = explained_by(larger.fit, parent, parent.metric) - explained_by(one.fit, parent, parent.metric)
+        if behind <= max(SAME, misfit(larger)) or len(mine) != 1:
+            return
+        again = begun_at(one.fit, parent, {**there.by_name, mine[0]: float(np.mean([there[name] for name in his]))})
+        if again is not None:
+            self.found[one.effects] = replace(one, fit=again)
 
     def _level(self, *both: tuple[Ranked, Candidate]) -> None:
         """Put the worse of two at the values of the better, where it explains more there."""

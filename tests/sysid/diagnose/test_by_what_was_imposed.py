@@ -19,6 +19,7 @@ from sysid.diagnose import (
     evidence,
     likely,
     reach,
+    refits,
     shares,
     verdict,
 )
@@ -77,6 +78,8 @@ def test_a_lag_of_all_motors_is_moved_on_as_a_lag_of_each_axis_is(monkeypatch: p
     by_what_was_imposed(monkeypatch)
     assert asked(LATE_MOTORS).effect == "motor_lag"
     monkeypatch.setattr(by_noise, "MISLED", 1.25)
+    assert asked(LATE_MOTORS).effect == "motor_lag", "from where a lag of each axis ended"
+    monkeypatch.setattr(refits._Order, "level", lambda _: None)
     assert asked(LATE_MOTORS).effect == "lag_per_axis"
 
 

@@ -71,6 +71,8 @@ LATE_MOTORS_IN_GUSTS = 4008471
 """A quadrotor whose motors lag by 100 ms, in slow gusts that leave more than it moves."""
 GOVERNED_IN_GUSTS = 4024932
 """A helicopter with a governor that explains three quarters of what can be explained by power, and all by the noise."""
+ONE_LAG_OF_ALL = 4038815
+"""A quadrotor whose motors lag by 25.9 ms."""
 DRIFT_IN_A_LOOP = 4038949
 """A helicopter that its speed turns and whose servos have two poles at 38 Hz; no excitation is logged, and every second
 sample."""
@@ -458,3 +460,13 @@ def test_chains_that_are_the_same_by_their_halves_end_at_the_same(monkeypatch: p
     assert apart() < 5
     monkeypatch.setattr(chains, "levelled", lambda *_: {})
     assert apart() > 100
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("motor_lag", "lag_per_axis")], indirect=True)
+def test_a_lag_of_all_is_as_likely_as_two_lags_that_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(ONE_LAG_OF_ALL)
+    assert (found.verdict, found.effect) == ("missing", "motor_lag")
+    monkeypatch.setattr(refits._Order, "_level_inside", lambda *_: None)
+    assert asked(ONE_LAG_OF_ALL).effect == "lag_per_axis"
