@@ -107,7 +107,7 @@ class _Order:
         known = catalogue()
         fitted = [one.effect for one in self.found.values() if one.effect in known and one.fit is not None]
         for effect in fitted:
-            for name in set(known[effect].contains) & set(fitted):
+            for name in filter(fitted.__contains__, known[effect].contains):
                 self._level_inside(self.found[(effect,)], self.found[(name,)])
         for effect in fitted:
             for name in known[effect].same_as:
