@@ -23,13 +23,13 @@ from sysid.diagnose.candidates import (
     ranked,
     score_effects,
 )
-from sysid.diagnose.evidence import Candidate, gain
+from sysid.diagnose.evidence import Candidate
+from sysid.diagnose.left_by_one import harmless, points_left, share_left
 from sysid.diagnose.levelled import levelled
-from sysid.diagnose.likely import ALIKE, misfit, twins
+from sysid.diagnose.likely import ALIKE, do_else, misfit, twins
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import NEAR, PRICES, as_scored, does_nothing, goes_by_its_score, refitted
-from sysid.diagnose.remainder import harmless, points_left, remainder
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, Unsearched
 from sysid.fit.grow import looks
@@ -90,7 +90,7 @@ def chains_of_two(
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
-    if not able or (named is not None and remainder(named, reference) < REMAINDER):
+    if not able or (named is not None and share_left(named, reference) < REMAINDER):
         return ChainSearch()
     if named is not None:  # else something is left that powers need not show: play, limits, what rotor speed changes
         points = points_left(named, reference)
@@ -185,7 +185,7 @@ class _Chains:
                 waiting = self.halves_of_the_best(done)
         if self.found:
             self.exchange_halves()
-            self.found |= levelled(self.best, self.found, self.alone, self.reference)
+            self.level()
         return True
 
     def halves_of_the_best(self, done: set[str]) -> list[Ranked]:
@@ -268,7 +268,7 @@ class _Chains:
 
     def alike(self, one: str, other: str) -> bool:
         """Whether two plausible effects explain the same alone."""
-        return one in self.alone and other in self.alone and not _apart(self.alone[one], self.alone[other])
+        return one in self.alone and other in self.alone and not do_else(self.alone[one], self.alone[other])
 
     def twins(self, one: str, other: str) -> bool:
         """Whether two plausible effects are the same one under two names."""
@@ -330,7 +330,11 @@ class _Chains:
         """The effect by itself, fitted now where it was not; None where it is not plausible there, or too dear."""
         parent = self.reference.parent
         if one.effect not in self.single and self.paid(self.price_of(one, parent)):
-            alone = ranked(refitted(one, parent, self.reference.users), self.reference)
+            try:
+                alone = ranked(refitted(one, parent, self.reference.users), self.reference)
+            except KeyboardInterrupt:
+                self.interrupt()
+                return None
             if alone.fit is not None:
                 self.single[one.effect] = alone
                 self.alone |= {} if alone.implausible else {one.effect: alone}
@@ -375,6 +379,15 @@ class _Chains:
             else:
                 return
 
+    def level(self) -> None:
+        """Fit once more what fell behind the best chain by where it ended; nothing after Ctrl-C."""
+        if self.interrupted:
+            return
+        try:
+            self.found |= levelled(self.best, self.found, self.alone, self.reference)
+        except KeyboardInterrupt:
+            self.interrupt()
+
     def exchanges(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
         """What rests as a half of it does, alone explains the same, or by its score as much beside the other half; each
         with what it is to be fitted beside."""
@@ -412,7 +425,7 @@ class _Chains:
             return []
         here = self.single[half]
         fair = self.single.values() if here.implausible else self.alone.values()
-        like = [one for one in fair if one.chi_squared > 0 and not _apart(one, here)]
+        like = [one for one in fair if one.chi_squared > 0 and not do_else(one, here)]
         return sorted(like, key=lambda one: self.twins(one.effect, half))
 
     def like_beside(self, other: str, half: str) -> list[Ranked]:
@@ -458,16 +471,9 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
             break
         if one.implausible or one.chi_squared < LEAST_OF_BEST * able[0].chi_squared:
             continue
-        if all(other.implausible or _apart(one, other) for other in chosen):
+        if all(other.implausible or do_else(one, other) for other in chosen):
             chosen.append(one)
     return chosen
-
-
-def _apart(one: Ranked, other: Ranked) -> bool:
-    """Whether two effects explain different things: how far their answers are apart, beside what they explain."""
-    assert one.stepped is not None
-    assert other.stepped is not None
-    return gain(one.stepped, other.stepped)[1] > ALIKE * min(one.chi_squared, other.chi_squared)
 
 
 def _promise(one: Ranked) -> float:

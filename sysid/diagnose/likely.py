@@ -67,6 +67,10 @@ class Class:
         """Probability that the answer is right, or one of a class that is short enough to be of use."""
         return self.whole if len(self.alike) < USEFUL else self.named
 
+    def named_with(self, winner: Ranked) -> set[str]:
+        """Every entry that stands in it, by whatever name, the winner's among them."""
+        return {*winner.effects, *self.alike, *(name for names in self.equivalent.values() for name in names)}
+
 
 def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     """The class of a winner among candidates of as many effects."""
@@ -105,7 +109,7 @@ def where_samples_are_lost(
         others = [(one, one.effect, BETWEEN_SAMPLES * winner.chi_squared) for one in singles if _on_samples(one)]
     else:
         return among
-    known = {*winner.effects, *among.alike, *(name for names in among.equivalent.values() for name in names)}
+    known = among.named_with(winner)
     allowed = set(winner.implausible)
     more = [
         name
@@ -138,8 +142,8 @@ def with_unasked(among: Class, winner: Ranked, singles: Sequence[Ranked], chains
     if len(winner.effects) == 1:
         return among
     asked = {frozenset(one.effects) for one in chains if one.fit is not None}
-    known = {*winner.effects, *among.alike, *(name for names in among.equivalent.values() for name in names)}
-    fitted = [one for one in singles if one.stepped is not None and not one.implausible]
+    known = among.named_with(winner)
+    fitted = _plausible(singles)
     more = [
         each.effect
         for half, other in (winner.effects, winner.effects[::-1])
@@ -157,8 +161,8 @@ def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class
     commands before it, it is so too, wherever a fit of its own ended, if there was one."""
     if len(winner.effects) == 1 or not all(effect.linear or effect.samples is not None for effect in winner.own):
         return among
-    fitted = [one for one in singles if one.stepped is not None and not one.implausible]
-    known = {*winner.effects, *among.alike, *(name for names in among.equivalent.values() for name in names)}
+    fitted = _plausible(singles)
+    known = among.named_with(winner)
     equivalent = dict(among.equivalent)
     for one in fitted:
         if one.effect not in (*winner.effects, *among.alike):
@@ -180,10 +184,18 @@ def twins(one: Ranked, other: Ranked) -> bool:
 
 def _as_good(one: Ranked, other: Ranked) -> bool:
     """Whether it explains alone what the other does, and is as likely, its numbers paid."""
+    return one.delta_bic <= other.delta_bic + SAME_POWER and not do_else(one, other)
+
+
+def do_else(one: Ranked, other: Ranked) -> bool:
+    """Whether two effects explain different things: how far their answers are apart, beside what they explain."""
     assert one.stepped is not None
     assert other.stepped is not None
-    apart = gain(other.stepped, one.stepped)[1]
-    return one.delta_bic <= other.delta_bic + SAME_POWER and apart <= ALIKE * min(one.chi_squared, other.chi_squared)
+    return gain(one.stepped, other.stepped)[1] > ALIKE * min(one.chi_squared, other.chi_squared)
+
+
+def _plausible(singles: Sequence[Ranked]) -> list[Ranked]:
+    return [one for one in singles if one.stepped is not None and not one.implausible]
 
 
 def _on_samples(one: Ranked) -> bool:

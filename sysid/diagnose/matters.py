@@ -20,8 +20,8 @@ import numpy as np
 from sysid.control.stability import Margins, closed_loop
 from sysid.diagnose.confidence import COMPLETE_RIGHT
 from sysid.diagnose.hidden import CouldHide, Hidden
+from sysid.diagnose.left_by_one import LITTLE_POINTS
 from sysid.diagnose.loop_change import UPPER, Limit, MarginChange, held_gains, of_margins, seen
-from sysid.diagnose.remainder import LITTLE_POINTS
 from sysid.diagnose.thinned import noise_lost
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.result import finite

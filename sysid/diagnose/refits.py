@@ -318,11 +318,10 @@ def begun_at(
     near = _inside(fit.model.structure, values)
     if near is None:
         return None
-    metric = parent.metric
-    again = predicting(fit, parent, near) if fit.dataset.in_a_loop else by_the_noise(fit, near, metric, moves)
-    if again is None or explained_by(again, parent, metric) <= explained_by(fit, parent, metric):
-        return None
-    return again
+    in_a_loop = fit.dataset.in_a_loop
+    again = predicting(fit, parent, near) if in_a_loop else by_the_noise(fit, near, parent.metric, moves)
+    better = fit if again is None else _likelier(again, fit, parent)
+    return None if better is fit else better
 
 
 def goes_by_its_score(one: Ranked, composed: Structure, users: Sequence[Effect]) -> bool:

@@ -42,7 +42,7 @@ def test_what_is_dear_and_little_is_tried_beside_what_is_no_answer(monkeypatch: 
 
 def test_beside_one_that_only_stands_in_and_leaves_noise_others_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[str] = []
-    monkeypatch.setattr(chains, "_apart", lambda *_: True)
+    monkeypatch.setattr(chains, "do_else", lambda *_: True)
 
     def leaves_noise(_: object, one: Ranked) -> bool:
         begun.append(one.effect)
@@ -68,7 +68,7 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
         search.found[(one.effect, "rotor_speed")] = replace(alone("", 100.0), effects=(one.effect, "rotor_speed"))
         return True
 
-    monkeypatch.setattr(chains, "_apart", lambda *_: True)
+    monkeypatch.setattr(chains, "do_else", lambda *_: True)
     monkeypatch.setattr(chains, "misfit", lambda _: left)
     monkeypatch.setattr(chains._Chains, "begin_with", begin)
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: left == 0)
@@ -103,6 +103,30 @@ def test_a_half_that_scored_too_little_to_be_fitted_alone_is_begun_with_too(monk
     assert begun == ["slipstream_wing", "quadratic_damping"]
 
 
+def test_ctrl_c_in_what_is_fitted_once_more_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def ended(one: object, *_: object) -> None:
+        asked.append(type(one).__name__)
+        raise KeyboardInterrupt
+
+    search = search_of(False, alone("servo_lag", 180.0))
+    search.reference = cast("Any", SimpleNamespace(parent=None, users=()))
+    search.found["", ""] = replace(alone("", 300.0), effects=("servo_lag", "speed_stability"))
+    monkeypatch.setattr(chains, "levelled", ended)
+    search.level()
+    assert search.interrupted
+    assert len(search.found) == 1
+    search.level()
+    assert asked == ["Ranked"], "nothing more is tried"
+    halves = search_of(False, alone("servo_lag", 180.0))
+    halves.reference, halves.found = search.reference, search.found
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
+    monkeypatch.setattr(chains, "refitted", ended)
+    assert [one.effect for one in halves.halves_of_the_best(set())] == ["servo_lag"]
+    assert halves.interrupted
+
+
 def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     wing, rotor = alone("slipstream_wing", 150.0), scored("rotor_speed", 89.0)
     tried: list[tuple[str, str]] = []
@@ -127,7 +151,7 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     lags = [scored("gyro_filter", 592.0), scored("gyro_lag", 574.0), scored("servo_rate_limit", 428.0)]
     search.seconds["attitude_stiffness"] = lags
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
-    monkeypatch.setattr(chains, "_apart", lambda *_: False)
+    monkeypatch.setattr(chains, "do_else", lambda *_: False)
     monkeypatch.setattr(chains, "twins", lambda *_: False)
     names = [one.effect for one in search.like_beside("attitude_stiffness", "gyro_filter")]
     assert names == ["gyro_filter", "gyro_lag"]
@@ -181,7 +205,7 @@ def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatc
     damping, hub = alone("angular_damping", 500.0), alone("hub_gyroscopics", 600.0)
     search = search_of(False, gyro, servo, damping, hub)
     late = (gyro, servo)
-    monkeypatch.setattr(chains, "_apart", lambda one, other: (one in late) != (other in late))
+    monkeypatch.setattr(chains, "do_else", lambda one, other: (one in late) != (other in late))
     monkeypatch.setattr(chains, "twins", lambda one, other: one in late and other in late)
     found = {
         ("gyro_lag", "hub_gyroscopics"): 2826.0,
@@ -194,7 +218,7 @@ def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatc
 def test_a_dead_band_is_asked_where_play_is_half_of_the_best_chain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a filter both scored little, and play was never held against a dead band that explained more."""
     search = search_of(False, alone("gyro_filter", 979.0), alone("transport_delay", 975.0))
-    monkeypatch.setattr(chains, "_apart", lambda *_: True)
+    monkeypatch.setattr(chains, "do_else", lambda *_: True)
     found = {("gyro_filter", "servo_backlash"): 1032.0, ("gyro_filter", "servo_deadband"): 1073.0}
     assert set(exchanged(search, found, monkeypatch).effects) == {"gyro_filter", "servo_deadband"}
     assert not search.rests_as("servo_rate_limit"), "a limit is none of the two"
@@ -241,7 +265,7 @@ def test_of_what_is_dear_and_alone_alike_the_best_stands_for_all(monkeypatch: py
         *(scored("servo_lag", 2424.0), scored("transport_delay", 2368.0), scored("servo_rate_limit", 1700.0)),
         *(scored("gyro_filter", 1649.0), scored("dynamic_inflow", 967.0)),
     ]
-    monkeypatch.setattr(chains, "_apart", lambda one, other: inflow in (one, other))
+    monkeypatch.setattr(chains, "do_else", lambda one, other: inflow in (one, other))
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
     kinds = [(one.effect, promise.effect) for one, promise in search.of_each_kind(seconds, cast("Any", None))]
     assert kinds == [

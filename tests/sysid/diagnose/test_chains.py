@@ -13,7 +13,7 @@ from planted_fits import records
 
 from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
-from sysid.diagnose import chains, confidence, remainder, shares, verdict
+from sysid.diagnose import chains, confidence, left_by_one, shares, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import price
 from sysid.diagnose.diagnose import _under, diagnose
@@ -131,8 +131,8 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
 ) -> None:
     monkeypatch.setattr(chains, "REMAINDER", 2.0)
     monkeypatch.setattr(chains, "CRUMBS", 100.0)
-    monkeypatch.setattr(remainder, "LITTLE_POINTS", 100.0)
-    monkeypatch.setattr(remainder, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
+    monkeypatch.setattr(left_by_one, "LITTLE_POINTS", 100.0)
+    monkeypatch.setattr(left_by_one, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     monkeypatch.setattr(shares, "OF_MOST", 0.0)

@@ -35,7 +35,7 @@ def points_left(one: Ranked, reference: Reference) -> float:
     return linear if linear >= LITTLE_POINTS else max(linear, left(reference.simple(fit)))
 
 
-def remainder(one: Ranked, reference: Reference) -> float:
+def share_left(one: Ranked, reference: Reference) -> float:
     """Share of what can be explained that this effect leaves, as far as the commands or a simple term explain it: by
     power, or by the noise's own measure, where that is more."""
     assert one.fit is not None
