@@ -1,7 +1,9 @@
 """Commands end at a limit, on the ring that a swashplate allows.
 
 A swashplate limits its tilt, whatever its direction: roll and pitch cyclic together are scaled back to the ring, every
-other command is cut by itself. With one axis at a time the ring and a limit on each axis are the same.
+other command of the base is cut by itself. With one axis at a time the ring and a limit on each axis are the same.
+Where the tilt ends says nothing of collective or yaw, which have a travel of their own and hover far from its middle:
+beside an effect that reads them they act as they are.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ EFFECT = Effect(
     title="limit of the commands",
     group="actuators",
     equation="|delta| <= limit, on the absolute command, as the cyclic ring sqrt(delta_x^2 + delta_y^2); other "
-    "commands each by itself",
+    "commands of the base each by itself",
     source="the swashplate's travel, or a limit that the autopilot applies after logging",
     signature="the tops of large commands have no effect; trim to one side makes it one-sided",
     parameters=(
@@ -53,4 +55,5 @@ EFFECT = Effect(
     order=1,
     linear=False,
     samples=samples,
+    spares_others=True,
 )

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -202,15 +202,20 @@ def in_time(
         parameters = {name: named[name] for name in effect.names}
         said = (*said, place, *parameters.values())
         if said not in known:
-            act = _filtered if effect.samples is None else _sampled
+            act = _filtered if effect.samples is None else partial(sampled, structure)
             known[said] = act(effect, acting, segment.loop_dt, parameters)
         acting = known[said]
     return acting
 
 
-def _sampled(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
+def sampled(
+    structure: Structure, effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]
+) -> FloatArray:
+    """Commands (c, n) behind an effect that acts on samples."""
     assert effect.samples is not None
-    return effect.samples(commands.copy(), dt, parameters)
+    touched = len(structure.base_.commands) if effect.spares_others else len(commands)
+    acting = effect.samples(commands[:touched].copy(), dt, parameters)
+    return np.concatenate([acting, commands[touched:]]) if touched < len(commands) else acting
 
 
 def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:

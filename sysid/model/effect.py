@@ -151,6 +151,8 @@ class Effect:
     Absolute commands, not centred; rows in the structure's order, delta_x and delta_y first. The result is held over
     each sample.
     """
+    spares_others: bool = False
+    """Whether `samples` is given the base's own commands alone, and those that another effect reads act as they are."""
     rests_within: str | None = None
     """The parameter that says how far from the command `samples` may hold still, as it may have before a run began."""
     response: Callable[[Any, Mapping[str, Any]], Any] | None = None

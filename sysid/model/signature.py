@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.model.acting import divided, linear_dynamics
+from sysid.model.acting import divided, linear_dynamics, sampled
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, find
 from sysid.model.paper import TABLE_4, TPP, reduce_to_cd
@@ -192,7 +192,7 @@ def _acting(model: Model, inputs: FloatArray) -> FloatArray:
         own = {name: named[name] for name in effect.names}
         if effect.samples is not None:
             for run in range(inputs.shape[1]):
-                found[:commands, run] = effect.samples(found[:commands, run].copy(), DT, own)
+                found[:commands, run] = sampled(structure, effect, found[:commands, run], DT, own)
         if effect.response is not None:
             n = inputs.shape[-1]
             s = 2j * np.pi * np.fft.rfftfreq(2 * n, DT)

@@ -80,6 +80,25 @@ def test_what_changes_nothing_predicts_the_same_in_a_log_of_every_tenth_loop(
     assert np.max(np.abs(found - plain)) < 1e-4 * np.max(np.abs(plain))
 
 
+@pytest.mark.parametrize(
+    ("base", "effects", "limited"),
+    [("tpp", ["servo_saturation"], "xy"), ("tpp", ["servo_saturation", "input_coupling"], "xy"), ("heave", [], "c")],
+)
+def test_the_end_of_the_swashplates_tilt_ends_no_collective(
+    runs: list[Record], base: str, effects: list[str], limited: str
+) -> None:
+    """It has a travel of its own, and hovers far from its middle; of a base that is steered by it, it is the limit."""
+    collective = 0.55 + 0.1 * runs[0].channels["delta_x"]
+    record = replace(runs[0], channels={**runs[0].channels, "delta_c": collective})
+    structure = compose(base, effects or ["servo_saturation"], {"delta_c"})
+    front, _ = divided(structure)
+    segment = spectra([record], structure.inputs, ("p", "q"))[0][0].segment
+    acting = in_time(structure, front, segment, {"limit": 0.02})
+    for name, row in zip(structure.commands, acting, strict=True):
+        is_limited = name.removeprefix("delta_") in limited
+        assert np.max(np.abs(row)) == pytest.approx(0.02 if is_limited else collective.max()), name
+
+
 def test_a_lag_before_play_acts_in_time(runs: list[Record]) -> None:
     """The servo's answer comes first, play takes its part of that: checked against a filter and a loop."""
     structure = compose("tpp", ["servo_backlash", "servo_lag"])
