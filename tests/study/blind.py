@@ -146,7 +146,7 @@ def ask(case: Case, log: Path) -> tuple[Any, Any, float]:
     and the first one's seconds of computing."""
     from gcs.logs import resolve_runs
     from sysid.diagnose.diagnose import diagnose
-    from sysid.fit.identify import on_runs
+    from sysid.fit.identify import identify, on_runs
 
     card = FORWARD_CARD if case.plant == "forward" else HOVER_CARD
     runs = resolve_runs([str(log)])
@@ -160,8 +160,8 @@ def ask(case: Case, log: Path) -> tuple[Any, Any, float]:
     taken = time.process_time() - begin
     second = None
     if len(case.names) == 2 and found.verdict == "missing":
-        again = on_runs("tpp", (*base.effects, found.effect), runs, fitted)
-        second = diagnose(again, fitted, judging)
+        added = identify(on_runs("tpp", (), runs, fitted), fitted, judging, effects=(*base.effects, found.effect))
+        second = diagnose(added.model.structure, fitted, judging, begin=added.model)
     return found, second, taken
 
 
