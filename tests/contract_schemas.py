@@ -275,6 +275,7 @@ DIAGNOSIS = exactly(
             "anyOf": [
                 exactly({"reason": {"const": "little left"}, "points": NUMBER}),
                 exactly({"reason": {"const": "budget"}, "chains": listed(TEXT), "firsts": listed(TEXT)}),
+                exactly({"reason": {"const": "much left"}, "chain": listed(TEXT), "explained": NUMBER}),
                 {"type": "null"},
             ]
         },

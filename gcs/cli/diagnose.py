@@ -79,8 +79,9 @@ it)} or null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE
 "validation_nrmse_percent", "verdict", "effect", "confidence"}], "slight": {"points" (of fit that the missing effect
 gains, where that is little), "gain_db", "phase_deg", "matters"} or null, "first_answer": {"verdict", "chain",
 "confidence"} (before pairs were searched) or null, "unsearched_chains": {"reason": "little left", "points"} or
-{"reason": "budget" or "interrupted", "chains", "firsts"} or null, "asked": {"version", "as_usual", "fixed"}, "shown"
-(what the app shows of it again: as it changes, this is no interface)}.
+{"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much left", "chain", "explained"} (by the best
+one with the likeliest effect) or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app shows of it
+again: as it changes, this is no interface)}.
 """
 
 

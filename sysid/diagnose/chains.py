@@ -31,7 +31,7 @@ from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import NEAR, PRICES, as_scored, does_nothing, goes_by_its_score, refitted
 from sysid.diagnose.score import log_chance
-from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, Unsearched
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics
 from sysid.model.effect import EffectError, catalogue, named_effect
@@ -143,12 +143,14 @@ class _Chains:
         self.interrupted = False
         self.not_asked: dict[str, None] = {}
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
+        self.given_up: MuchLeft | None = None
 
     @property
-    def unsearched(self) -> BudgetSpent | None:
-        """What the budget did not reach."""
+    def unsearched(self) -> BudgetSpent | MuchLeft | None:
+        """What the budget did not reach; else why no other was looked for."""
         pairs = tuple(pair for names, pair in self.not_fitted.items() if names not in self.found)
-        return BudgetSpent(pairs, tuple(self.not_asked), self.interrupted) if pairs or self.not_asked else None
+        spent = BudgetSpent(pairs, tuple(self.not_asked), self.interrupted) if pairs or self.not_asked else None
+        return spent or self.given_up
 
     def interrupt(self) -> None:
         """Try nothing more; who wants the end at once interrupts once more."""
@@ -176,7 +178,8 @@ class _Chains:
                 if first is able[0] and not first.implausible and not self.found:
                     return False
                 continue
-            if self.found and first is able[0] and self.hopeless(self.best):
+            if self.found and first is able[0] and (explained := _explained(self.best)) < HOPEFUL:
+                self.given_up = MuchLeft(self.best.effects, explained)
                 return True
             if self.found and self.leaves_noise(self.best):
                 break
@@ -201,10 +204,6 @@ class _Chains:
         left = chain.fit.division
         return not chain.outside and log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT
 
-    def hopeless(self, chain: Ranked) -> bool:
-        """Whether a chain leaves so much that no other is the answer."""
-        return chain.chi_squared < HOPEFUL * (chain.chi_squared + misfit(chain))
-
     def begin_with(self, first: Ranked) -> bool:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
         begun, asked = first.fit, self.ask_beside(first)
@@ -216,7 +215,8 @@ class _Chains:
         if chance_of_noise(begun.division, scores, first.stepped, self.reference.whitening) >= SIGNIFICANT:
             return False
         # what is dear last: the best of the others may be out of its reach by then
-        chosen = self.of_each_kind(self.without_twins(asked), begun)[:SECONDS]
+        told = [one for one in asked if one.score is None or one.score.log_p <= SIGNIFICANT]
+        chosen = self.of_each_kind(self.without_twins(told), begun)[:SECONDS]
         for second, promise in sorted(chosen, key=lambda each: self.price_of(each[0], begun) >= DEAR):
             if _names(first.effect, second.effect) not in self.found and self.promising(first, promise):
                 self.fit(first, second)
@@ -275,12 +275,10 @@ class _Chains:
         return one in self.alone and other in self.alone and twins(self.alone[one], self.alone[other])
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
-        """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
+        """Whether the second, significant beside the first, comes near to what the best answer (a chain, or a
         plausible effect alone) explains more; beside an answer, where it is dear, that it is no crumb."""
         if second.score is None:
             return True
-        if second.score.log_p > SIGNIFICANT:
-            return False
         crumb = self.answered and second.score.chi_squared < REMAINDER * first.chi_squared
         assert first.fit is not None
         if crumb and self.price_of(second, first.fit) >= DEAR:
@@ -474,6 +472,11 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
         if all(other.implausible or do_else(one, other) for other in chosen):
             chosen.append(one)
     return chosen
+
+
+def _explained(chain: Ranked) -> float:
+    """Share of all chi squared beyond noise."""
+    return chain.chi_squared / max(chain.chi_squared + misfit(chain), 1e-300)
 
 
 def _promise(one: Ranked) -> float:

@@ -27,7 +27,9 @@ though both are there: such a pair is not named either."""
 
 
 def cancel_each_other(chain: Ranked, parent: Candidate, whitening: Whitening) -> bool:
-    """Whether the two effects of a chain do."""
+    """Whether the two effects of a chain do; what acts on samples of the commands takes the place of no linear part."""
+    if any(effect.samples is not None for effect in chain.own):
+        return False
     cosine = along_each_other(chain, parent, whitening)
     return cosine is not None and cosine < CANCEL
 

@@ -37,4 +37,17 @@ class BudgetSpent:
         }
 
 
-Unsearched = LittleLeft | BudgetSpent
+@dataclass(frozen=True, slots=True)
+class MuchLeft:
+    """None was looked for but with the likeliest effect: the best of those leaves so much that no other is the answer."""
+
+    chain: tuple[str, ...]
+    explained: float
+    """Share of all chi squared beyond noise, by that one."""
+
+    def to_json(self) -> dict[str, object]:
+        """For the `tippath.diagnosis/1` document."""
+        return {"reason": "much left", "chain": list(self.chain), "explained": self.explained}
+
+
+Unsearched = LittleLeft | BudgetSpent | MuchLeft

@@ -22,7 +22,7 @@ from gcs.analysis.diagnosis import (
 from gcs.analysis.quantities import listed
 from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
 from gcs.analysis.text.checks import early_text
-from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft
 
 
 def remark_text(remark: Remark, offers: Offers = SHELL) -> str:
@@ -60,6 +60,12 @@ def _text(remark: Remark) -> str:
             beside = [f"all beside {Path(name).name}" for name in firsts]
             why = "the search was interrupted" if interrupted else "they cost much and promised less"
             return f"chains of two not tried, because {why}: {listed([*pairs, *beside])}"
+        case MuchLeft(chain, explained):
+            best = " + ".join(Path(name).name for name in chain)
+            return (
+                f"other chains of two were not searched: the best with the likeliest effect, {best}, explains "
+                f"{100 * explained:.0f} % of what is there, and where a chain is the answer it is nearly all"
+            )
         case InALoop(effects, pole):
             named = f" with {listed(effects)}" if effects else ""
             return (

@@ -6,7 +6,7 @@ import pytest
 
 from gcs.analysis.diagnosis import StepsLost
 from gcs.analysis.text.remarks import remark_text
-from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft
 
 
 @pytest.mark.parametrize(
@@ -24,11 +24,16 @@ from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
             "chains of two not tried, because the search was interrupted: servo_lag + servo_deadband",
         ),
         (
+            MuchLeft(("lead_lag", "effects/worn_hinge.py"), 0.541),
+            "other chains of two were not searched: the best with the likeliest effect, lead_lag + worn_hinge.py, "
+            "explains 54 % of what is there, and where a chain is the answer it is nearly all",
+        ),
+        (
             StepsLost(("flight.BIN#5", "flight.BIN#6")),
             "not judged by flight.BIN#5 and flight.BIN#6: the log is slower than the loop and does not tell when their "
             "commands stepped. Log every loop, or validate by chirps",
         ),
     ],
 )
-def test_what_was_not_asked_in_words(finding: LittleLeft | BudgetSpent | StepsLost, text: str) -> None:
+def test_what_was_not_asked_in_words(finding: LittleLeft | BudgetSpent | MuchLeft | StepsLost, text: str) -> None:
     assert remark_text(finding) == text

@@ -12,7 +12,7 @@ from planted_fits import records
 
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose import verdict
+from sysid.diagnose import opposed, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import Candidate, candidate
@@ -57,6 +57,14 @@ def test_effects_of_different_parts_do_not(parent: Candidate, other: str) -> Non
     assert cosine is not None
     assert CANCEL < cosine <= 1
     assert not cancel_each_other(pair, parent, parent.metric)
+
+
+def test_what_acts_on_samples_stands_in_for_no_linear_part(parent: Candidate, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Play takes from small commands what an inflow gives: a cosine of -0.7, and both were there."""
+    monkeypatch.setattr(opposed, "along_each_other", lambda *_: -0.9)
+    for other, cancel in (("servo_lag", True), ("servo_backlash", False)):
+        pair = chain(parent, ("angular_damping", other), {**PLANTED["angular_damping"], **PLANTED[other]})
+        assert cancel_each_other(pair, parent, parent.metric) == cancel
 
 
 def test_one_effect_has_nothing_to_cancel(parent: Candidate) -> None:
