@@ -299,7 +299,7 @@ def residual_at(one: Candidate, values: FloatArray, metric: Whitening) -> FloatA
     """(N,), what it would leave in white rows with other values; None where they have no response."""
     try:
         return white_left(Model(one.model.structure, values), metric)
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, RelaxationError):
         return None
 
 

@@ -8,7 +8,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from sysid.diagnose import by_noise
+from sysid.diagnose import by_noise, evidence
+from sysid.diagnose.evidence import residual_at
+from sysid.model.paper import TABLE_4, TPP
+from sysid.model.relaxation import RelaxationError
 
 ROWS = 100
 
@@ -34,3 +37,17 @@ def test_a_move_by_the_noise_gains_something_beside_what_is_left(
     monkeypatch.setattr(by_noise, "White", SimpleNamespace(of=lambda *_: white))
     found = by_noise._moved(cast(Any, one), cast(Any, white), cast(Any, None))
     assert (found is not None) == moves
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), RelaxationError("the response does not settle")])
+def test_a_move_to_where_nothing_answers_is_not_taken(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a rotor speed a lag of all motors, begun where one of each axis had ended, went on to where nothing
+    settled, and the diagnosis ended there."""
+
+    def fails(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(evidence, "respond", fails)
+    one = SimpleNamespace(model=SimpleNamespace(structure=TPP))
+    metric = SimpleNamespace(stacks=[SimpleNamespace(Y=np.zeros((2, 4)))])
+    assert residual_at(cast(Any, one), TPP.vector(TABLE_4), cast(Any, metric)) is None
