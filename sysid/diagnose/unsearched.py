@@ -39,7 +39,7 @@ class BudgetSpent:
 
 @dataclass(frozen=True, slots=True)
 class MuchLeft:
-    """None was looked for but with the likeliest effect: the best of those leaves so much that no other is the answer."""
+    """None was looked for but with the likeliest effect: the best of those leaves so much that no other is likely."""
 
     chain: tuple[str, ...]
     explained: float
