@@ -215,8 +215,7 @@ class _Chains:
         if chance_of_noise(begun.division, scores, first.stepped, self.reference.whitening) >= SIGNIFICANT:
             return False
         # what is dear last: the best of the others may be out of its reach by then
-        told = [one for one in asked if one.score is None or one.score.log_p <= SIGNIFICANT]
-        chosen = self.of_each_kind(self.without_twins(told), begun)[:SECONDS]
+        chosen = self.of_each_kind(self.without_twins(asked), begun)[:SECONDS]
         for second, promise in sorted(chosen, key=lambda each: self.price_of(each[0], begun) >= DEAR):
             if _names(first.effect, second.effect) not in self.found and self.promising(first, promise):
                 self.fit(first, second)
@@ -275,10 +274,12 @@ class _Chains:
         return one in self.alone and other in self.alone and twins(self.alone[one], self.alone[other])
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
-        """Whether the second, significant beside the first, comes near to what the best answer (a chain, or a
+        """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
         plausible effect alone) explains more; beside an answer, where it is dear, that it is no crumb."""
         if second.score is None:
             return True
+        if second.score.log_p > SIGNIFICANT:
+            return False
         crumb = self.answered and second.score.chi_squared < REMAINDER * first.chi_squared
         assert first.fit is not None
         if crumb and self.price_of(second, first.fit) >= DEAR:

@@ -33,10 +33,6 @@ def alone(name: str, chi_squared: float, implausible: tuple[str, ...] = ()) -> R
     )
 
 
-LIMITS = [scored("servo_rate_limit", 130.0), scored("servo_acceleration_limit", 125.0)]
-LATE = [scored(name, 100.0) for name in ("transport_delay", "servo_lag", "gyro_filter")]
-
-
 def test_what_is_dear_and_little_is_tried_beside_what_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     stiff = alone("attitude_stiffness", 5386.0, ("M_theta",))
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
@@ -84,21 +80,6 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     assert begun == expected.get(left, ["stabiliser_bar"])
     given_up = MuchLeft(("stabiliser_bar", "rotor_speed"), 100 / 130)
     assert search.unsearched == (given_up if left == 30 else None)
-
-
-def test_what_is_not_significant_takes_the_place_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limits whose score is the best of many places, and may be chance, stood before a dead band that was there."""
-    mode = alone("structural_mode", 300.0)
-    search, fitted = search_of(False, mode), list[str]()
-    search.reference = cast("Any", SimpleNamespace(whitening=None))
-    found_anywhere = [replace(one, score=replace(score, tried=10**30)) for one in LIMITS if (score := one.score)]
-    monkeypatch.setattr(chains._Chains, "ask_beside", lambda *_: [*found_anywhere, *LATE, scored("servo_deadband", 80)])
-    monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -100.0)
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 1.0)
-    monkeypatch.setattr(chains._Chains, "fit", lambda _, first, second: fitted.append(second.effect))
-    fit = cast("Any", SimpleNamespace(division=None))
-    assert search.begin_with(replace(mode, fit=fit, stepped=cast("Any", object())))
-    assert fitted == [*(one.effect for one in LATE), "servo_deadband"]
 
 
 def test_a_half_that_scored_too_little_to_be_fitted_alone_is_begun_with_too(monkeypatch: pytest.MonkeyPatch) -> None:
