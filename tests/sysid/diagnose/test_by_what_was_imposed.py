@@ -12,7 +12,6 @@ from sysid.data.band import USUAL
 from sysid.diagnose import (
     by_noise,
     candidates,
-    chains,
     choice,
     confidence,
     diagnose,
@@ -49,7 +48,7 @@ def by_what_was_imposed(monkeypatch: pytest.MonkeyPatch) -> None:
         apart, left = better.imposed - worse.imposed, better.residual + worse.residual
         return float((better.told - worse.told) @ left) + worse.growing - better.growing, float(apart @ apart)
 
-    for room in (candidates, chains, choice, confidence, diagnose, likely, verdict):
+    for room in (candidates, choice, confidence, diagnose, likely, verdict):
         monkeypatch.setattr(room, "gain", gain)
 
 
