@@ -27,9 +27,8 @@ catalogue does not have, and a second effect, pass for one more easily there. Of
 they are known no better."""
 UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.92, 0.99
 """How often these verdicts are right, where nothing speaks against them: 29 of 29 of the former on 2,105 strangers that
-three judgements had spent, where one flight in twelve hid what the catalogue does not have, and 60 of 61 that six later
-ones did; of 671 strangers with a
-logged excitation that were called complete, and showed nothing, 670."""
+three judgements had spent, where one flight in twelve hid what the catalogue does not have, and 60 of 61 of six later
+ones; of 671 strangers with a logged excitation that were called complete, and showed nothing, 670."""
 COMPLETE_IN_A_LOOP_RIGHT = 0.985
 """The same where no excitation is logged: all of 1,551. Either hangs on how many flights lack nothing, here three in
 five: of 43 such answers 37 were right where one flight in three did."""
