@@ -36,7 +36,7 @@ from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder, wi
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
-from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft
+from sysid.diagnose.unsearched import BudgetSpent, Unsearched
 from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.identify import on_runs
@@ -131,9 +131,7 @@ Remark = (
     | ClocksDiffer
     | LoopUntold
     | StepsLost
-    | LittleLeft
-    | BudgetSpent
-    | MuchLeft
+    | Unsearched
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import assert_never
 
@@ -22,7 +23,7 @@ from gcs.analysis.diagnosis import (
 from gcs.analysis.quantities import listed
 from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
 from gcs.analysis.text.checks import early_text
-from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
 
 
 def remark_text(remark: Remark, offers: Offers = SHELL) -> str:
@@ -53,19 +54,8 @@ def _text(remark: Remark) -> str:
             return f"not added: {effect} has a confidence of {confidence:.2f} only, and nothing is asked beside a guess"
         case StoppedAsking(questions):
             return f"stopped after {questions} questions"
-        case LittleLeft(points):
-            return f"chains of two were not searched: at most {_tenths_up(points)} points of NRMSE are left"
-        case BudgetSpent(chains, firsts, interrupted):
-            pairs = [" + ".join(Path(name).name for name in one) for one in chains]
-            beside = [f"all beside {Path(name).name}" for name in firsts]
-            why = "the search was interrupted" if interrupted else "they cost much and promised less"
-            return f"chains of two not tried, because {why}: {listed([*pairs, *beside])}"
-        case MuchLeft(chain, explained):
-            best = " + ".join(Path(name).name for name in chain)
-            return (
-                f"other chains of two were not searched: the best with the likeliest effect, {best}, explains "
-                f"{100 * explained:.0f} % of what is there, and where a chain is the answer it is nearly all"
-            )
+        case LittleLeft() | BudgetSpent() | MuchLeft():
+            return _of_chains(remark)
         case InALoop(effects, pole):
             named = f" with {listed(effects)}" if effects else ""
             return (
@@ -83,6 +73,26 @@ def _text(remark: Remark) -> str:
                 "not tell when their commands stepped. Log every loop, or validate by chirps"
             )
     assert_never(remark)
+
+
+def _of_chains(unsearched: Unsearched) -> str:
+    match unsearched:
+        case LittleLeft(points):
+            return f"chains of two were not searched: at most {_tenths_up(points)} points of NRMSE are left"
+        case BudgetSpent(chains, firsts, interrupted):
+            beside = [f"all beside {Path(name).name}" for name in firsts]
+            why = "the search was interrupted" if interrupted else "they cost much and promised less"
+            return f"chains of two not tried, because {why}: {listed([*map(_chain, chains), *beside])}"
+        case MuchLeft(chain, explained):
+            return (
+                f"other chains of two were not searched: the best with the likeliest effect, {_chain(chain)}, explains "
+                f"{100 * explained:.0f} % of what is there, and where a chain is the answer it is nearly all"
+            )
+    assert_never(unsearched)
+
+
+def _chain(effects: Sequence[str]) -> str:
+    return " + ".join(Path(name).name for name in effects)
 
 
 def _tenths_up(points: float) -> str:
