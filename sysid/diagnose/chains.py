@@ -147,10 +147,11 @@ class _Chains:
 
     @property
     def unsearched(self) -> BudgetSpent | MuchLeft | None:
-        """What the budget did not reach; else why no other was looked for."""
+        """What the budget, or who ended the search, left out; else why no other was looked for."""
         pairs = tuple(pair for names, pair in self.not_fitted.items() if names not in self.found)
-        spent = BudgetSpent(pairs, tuple(self.not_asked), self.interrupted) if pairs or self.not_asked else None
-        return spent or self.given_up
+        if pairs or self.not_asked or self.interrupted:
+            return BudgetSpent(pairs, tuple(self.not_asked), self.interrupted)
+        return self.given_up
 
     def interrupt(self) -> None:
         """Try nothing more; who wants the end at once interrupts once more."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -202,8 +202,11 @@ def in_time(
         parameters = {name: named[name] for name in effect.names}
         said = (*said, place, *parameters.values())
         if said not in known:
-            act = _filtered if effect.samples is None else partial(sampled, structure)
-            known[said] = act(effect, acting, segment.loop_dt, parameters)
+            known[said] = (
+                _filtered(effect, acting, segment.loop_dt, parameters)
+                if effect.samples is None
+                else sampled(structure, effect, acting, segment.loop_dt, parameters)
+            )
         acting = known[said]
     return acting
 
@@ -213,9 +216,9 @@ def sampled(
 ) -> FloatArray:
     """Commands (c, n) behind an effect that acts on samples."""
     assert effect.samples is not None
-    touched = len(structure.base_.commands) if effect.spares_others else len(commands)
-    acting = effect.samples(commands[:touched].copy(), dt, parameters)
-    return np.concatenate([acting, commands[touched:]]) if touched < len(commands) else acting
+    given = structure.given_to(effect)
+    acting = effect.samples(commands[:given].copy(), dt, parameters)
+    return np.concatenate([acting, commands[given:]]) if given < len(commands) else acting
 
 
 def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:

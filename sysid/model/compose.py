@@ -138,7 +138,7 @@ def _refuse_broken(structure: Structure) -> None:
                     continue
                 own = {name: named[name] for name in one.names}
                 if one.samples is not None:
-                    rows = np.zeros((len(structure.commands), 8))
+                    rows = np.zeros((structure.given_to(one), 8))
                     if np.shape(one.samples(rows, 0.002, own)) != rows.shape:
                         raise ValueError("samples must return as many samples as it is given")
                 if one.response is not None and np.shape(one.response(np.array([1j, 2j]), own)) not in ((2,), ()):

@@ -109,6 +109,10 @@ class Structure:
         paths = (self.base_.path, *(one.path for one in self.composed))
         return tuple(path for path in paths if path is not None)
 
+    def given_to(self, effect: Effect) -> int:
+        """How many of the commands, from the first on, an effect that acts on samples is given."""
+        return len((self.base_ if effect.spares_others else self).commands)
+
     @property
     def bare(self) -> Structure:
         """The base alone, with the same outputs."""

@@ -144,9 +144,11 @@ def together(one: Any, other: Any) -> Any:
 def ask(case: Case, log: Path) -> tuple[Any, Any, float]:
     """The diagnosis of a log by one who knows only the plant's base; with two hidden, once more with the answer added;
     and the first one's seconds of computing."""
+    from strangers.asking import asked_with
+
     from gcs.logs import resolve_runs
     from sysid.diagnose.diagnose import diagnose
-    from sysid.fit.identify import identify, on_runs
+    from sysid.fit.identify import on_runs
 
     card = FORWARD_CARD if case.plant == "forward" else HOVER_CARD
     runs = resolve_runs([str(log)])
@@ -160,8 +162,7 @@ def ask(case: Case, log: Path) -> tuple[Any, Any, float]:
     taken = time.process_time() - begin
     second = None
     if len(case.names) == 2 and found.verdict == "missing":
-        added = identify(on_runs("tpp", (), runs, fitted), fitted, judging, effects=(*base.effects, found.effect))
-        second = diagnose(added.model.structure, fitted, judging, begin=added.model)
+        second = asked_with((*base.effects, found.effect), on_runs("tpp", (), runs, fitted), fitted, judging)
     return found, second, taken
 
 

@@ -81,6 +81,8 @@ def _of_chains(unsearched: Unsearched) -> str:
             return f"chains of two were not searched: at most {_tenths_up(points)} points of NRMSE are left"
         case BudgetSpent(chains, firsts, interrupted):
             beside = [f"all beside {Path(name).name}" for name in firsts]
+            if not chains and not beside:
+                return "the search for chains of two was interrupted"
             why = "the search was interrupted" if interrupted else "they cost much and promised less"
             return f"chains of two not tried, because {why}: {listed([*map(_chain, chains), *beside])}"
         case MuchLeft(chain, explained):

@@ -23,6 +23,7 @@ from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft
             BudgetSpent((("servo_lag", "servo_deadband"),), (), interrupted=True),
             "chains of two not tried, because the search was interrupted: servo_lag + servo_deadband",
         ),
+        (BudgetSpent((), (), interrupted=True), "the search for chains of two was interrupted"),
         (
             MuchLeft(("lead_lag", "effects/worn_hinge.py"), 0.541),
             "other chains of two were not searched: the best with the likeliest effect, lead_lag + worn_hinge.py, "

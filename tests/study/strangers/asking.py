@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from strangers.flights import Stranger
 from sysid.data.airframe import Airframe
 from sysid.data.band import USUAL, swept_band
+from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
 from sysid.diagnose.clocks import clocks
 from sysid.diagnose.could_hide import could_hide
@@ -19,6 +21,7 @@ from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit
 from sysid.model.effect import tied
+from sysid.model.structure import Structure
 
 AXES = ("roll", "pitch")
 
@@ -86,9 +89,20 @@ def ask(stranger: Stranger) -> Answer:
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and _is_added(found):
-        added = identify(on_runs(base, (), runs, fitted), fitted, judging, band_hz, effects=(found.effect,))
-        second = diagnose(added.model.structure, fitted, judging, band_hz, begin=added.model)
+        second = asked_with((found.effect,), on_runs(base, (), runs, fitted), fitted, judging, band_hz)
     return Answer(found, second, None if early is None else type(early).__name__, taken)
+
+
+def asked_with(
+    effects: Sequence[str],
+    bare: Structure,
+    fitted: Sequence[Record],
+    judging: Sequence[Record],
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+) -> Diagnosis:
+    """What is said with these effects added, as `tippath add` fits them, and asked from there."""
+    added = identify(bare, fitted, judging, band_hz, effects=effects)
+    return diagnose(added.model.structure, fitted, judging, band_hz, begin=added.model)
 
 
 def _is_added(found: Diagnosis) -> bool:

@@ -118,6 +118,7 @@ def test_ctrl_c_in_what_is_fitted_once_more_keeps_what_was_found(monkeypatch: py
     monkeypatch.setattr(chains, "levelled", ended)
     search.level()
     assert search.interrupted
+    assert search.unsearched == BudgetSpent((), (), interrupted=True), "else --repeat would go on"
     assert len(search.found) == 1
     search.level()
     assert asked == ["Ranked"], "nothing more is tried"
@@ -127,6 +128,7 @@ def test_ctrl_c_in_what_is_fitted_once_more_keeps_what_was_found(monkeypatch: py
     monkeypatch.setattr(chains, "refitted", ended)
     assert [one.effect for one in halves.halves_of_the_best(set())] == ["servo_lag"]
     assert halves.interrupted
+    assert halves.unsearched == search.unsearched
 
 
 def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
