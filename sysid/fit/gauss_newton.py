@@ -91,10 +91,8 @@ def normal_equations(
         )
         n = response.E.shape[0]
         columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
-        blocks = [
-            rows(np.concatenate([weighed(weight[..., part], some[..., part]) for some in columns]))
-            for part in group.slices
-        ]
+        white = weighed(weight, np.concatenate(columns))
+        blocks = [rows(white[..., part]) for part in group.slices]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
         found.append(explained[:, :, 0])
         moved = np.zeros(products.shape[0] - 1)

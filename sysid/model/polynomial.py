@@ -101,7 +101,7 @@ def respond(
         E[1, 1] += at.bend
     images = at.images * U
     if not sensitivities:
-        return Response(Y + N @ images, E, None, None)
+        return Response(Y + N @ images, lambda: E, None)
     to = form.of_parameters(stepped(values)).imag / COMPLEX_STEP
     moved = Y
     if ends is not None:
@@ -111,4 +111,4 @@ def respond(
     J = through(D, regressors(form, at.s, moved, held), np.empty((form.coefficients, 2, at.s.size), dtype=complex))
     J[-4:-2, 0] += images
     J[-2:, 1] += images
-    return Response(Y + N @ images, E, J, to)
+    return Response(Y + N @ images, lambda: E, J, to)

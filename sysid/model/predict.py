@@ -15,6 +15,7 @@ from functools import lru_cache, reduce
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
@@ -92,7 +93,7 @@ def _linear_behind(
     J = np.zeros((len(wanted), *found.J.shape[1:]), dtype=complex)
     J[[wanted.index(name) for name in here]] = found.J[: len(here)]
     J[[wanted.index(name) for name in changes]] += found.J[len(here) :]
-    return Response(found.Y, found.E, J)
+    return replace(found, J=J)
 
 
 class _Answering(NamedTuple):
@@ -153,39 +154,61 @@ def _linear(
     CV = C @ V
     X = (held @ U) * poles
     Y = CV @ X + D @ U
-    n, k = len(V), len(C)
-    ends = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
-    E = (ends @ (free * stack.z)).reshape(n, k, -1)
+
+    def end_columns() -> ComplexArray:
+        n, k = len(V), len(C)
+        to = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
+        return np.asarray((to @ (free * stack.z)).reshape(n, k, -1))
+
     if slopes is None:
-        return Response(Y, E, None)
+        return Response(Y, end_columns, None)
     if of is not None:
         slopes = _Slopes(turned=slopes.turned[of], drive=slopes.drive[of], C=slopes.C[of], D=slopes.D[of])
     freely = None if initial is None else _free_motion(stack, free, W, initial)
     driven, X = X, X if freely is None else X + freely
-    ways = [(slopes.drive, np.concatenate([driven if stack.thinned_log else X, U]), poles)]
+    J = np.empty((len(slopes.drive), *Y.shape), dtype=complex)
+    moves = np.any(slopes.turned, axis=(1, 2))
+    ways = [(slopes.drive[moves], np.concatenate([driven if stack.thinned_log else X, U]), poles)]
     if freely is not None and stack.thinned_log:  # free motion goes on from sample to sample of the log
-        ways.append((slopes.turned * sampled.moved, freely, free))
-    J = _moved_outputs(CV, ways)
+        ways.append((slopes.turned[moves] * sampled.moved, freely, free))
+    _fill_with_moved(J, np.flatnonzero(moves), CV, ways)
+    J[~moves] = _by_inputs(CV, slopes.drive[~moves][:, :, len(V) :], poles, U)
     if np.any(slopes.C) or np.any(slopes.D):
         J = J + (slopes.C @ V) @ X + slopes.D @ U
     if changes:
         J = np.concatenate([J, [CV @ ((held @ dU) * poles) + D @ dU for dU in changes]])
-    return Response(Y, E, J)
+    return Response(Y, end_columns, J)
 
 
-def _moved_outputs(CV: ComplexArray, ways: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]]) -> ComplexArray:
-    """CV (k, n) times the sum over `ways` of drives (parameters, n, r) times what drives (r, bins), through the modes
-    (n, bins); (parameters, k, bins). Block by block: what lies between is many times the size of what comes out."""
+def _fill_with_moved(
+    J: ComplexArray,
+    numbers: NDArray[np.intp],
+    CV: ComplexArray,
+    ways: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]],
+) -> None:
+    """Into J (all, k, bins), at these numbers, CV (k, n) times the sum over `ways` of drives (numbers, n, r) times what
+    drives (r, bins), through the modes (n, bins). Block by block: what lies between is many times the size of what
+    comes out."""
     count, n, _ = ways[0][0].shape
-    size = ways[0][1].shape[1]
-    J = np.empty((count, len(CV), size), dtype=complex)
+    size = J.shape[2]
     for part in (slice(begin, begin + BLOCK) for begin in range(0, size if count else 0, BLOCK)):
         inner = [
             (drive.reshape(count * n, len(moving)) @ moving[:, part]).reshape(count, n, -1) * poles[:, part]
             for drive, moving, poles in ways
         ]
-        np.matmul(CV, reduce(np.add, inner), out=J[..., part])
-    return J
+        J[numbers, :, part] = CV @ reduce(np.add, inner)
+
+
+def _by_inputs(CV: ComplexArray, drive: ComplexArray, poles: ComplexArray, U: ComplexArray) -> ComplexArray:
+    """What parameters change that move no mode, but what inputs U (m, bins) do to the modes by `drive` (parameters, n,
+    m); (parameters, k, bins). Most move one input alone."""
+    found = np.zeros((len(drive), len(CV), U.shape[1]), dtype=complex)
+    for column, one in zip(drive.transpose(2, 0, 1), U, strict=True):
+        here = np.any(column, axis=1)
+        if np.any(here):
+            through = (CV * column[here, None]).reshape(-1, CV.shape[1]) @ poles
+            found[here] += through.reshape(-1, *found.shape[1:]) * one
+    return found
 
 
 def _free_motion(stack: Stack, poles: ComplexArray, W: ComplexArray, initial: Ends) -> ComplexArray:

@@ -97,7 +97,7 @@ def relaxed_response(
         Y[:, part], E[..., part] = answer.settled.Y, answer.settled.E
         if J is not None:
             J[..., part] = answer.slopes(stepping)
-    return Response(Y, E, J)
+    return Response(Y, lambda: E, J)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

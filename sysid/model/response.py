@@ -6,7 +6,9 @@ rest for others. `slopes` is how each parameter moves it, which tells what no fl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -68,16 +70,22 @@ def _late(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray
     return factor
 
 
-class Response(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Response:
     """Model outputs Y (k, bins), end-state columns E (n, k, bins), sensitivities J (coefficients, k, bins) or None.
 
     The sensitivities to the parameters are `to` (parameters, coefficients) times J, or J itself where `to` is None.
     """
 
     Y: ComplexArray
-    E: ComplexArray
+    end_columns: Callable[[], ComplexArray]
+    """What works out E, which only fits need."""
     J: ComplexArray | None
     to: FloatArray | None = None
+
+    @cached_property
+    def E(self) -> ComplexArray:
+        return self.end_columns()
 
     @property
     def slopes(self) -> ComplexArray:

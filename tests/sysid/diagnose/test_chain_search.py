@@ -82,6 +82,33 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     assert search.unsearched == (given_up if left == 30 else None)
 
 
+@pytest.mark.parametrize("left", [99.0, 101.0])
+def test_where_the_most_promising_leaves_most_no_other_is_tried_beside_the_same(
+    left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hinge that sticks, which the catalogue does not have: the best second effect left two thirds, three more, dear
+    ones, no less."""
+    begun = SimpleNamespace(asked_in=lambda _: None, division=None)
+    bar = replace(alone("stabiliser_bar", 320.0), stepped=cast("Any", object()), fit=cast("Any", begun))
+    search, tried = search_of(False, bar), list[str]()
+    search.reference = cast("Any", SimpleNamespace(whitening=None, users=()))
+
+    def fit(_: object, first: Ranked, second: Ranked) -> None:
+        tried.append(second.effect)
+        search.found[chains._names(first.effect, second.effect)] = replace(alone("", 100.0), effects=("", ""))
+
+    seconds = [scored(name, size) for name, size in (("rotor_speed", 60.0), ("lead_lag", 70.0), ("governor", 50.0))]
+    dear = {"governor": chains.DEAR}
+    monkeypatch.setattr(chains, "score_effects", lambda *_: seconds)
+    monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
+    monkeypatch.setattr(chains, "misfit", lambda _: left)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda _, one, __: dear.get(one.effect, 2.0))
+    monkeypatch.setattr(chains._Chains, "promising", lambda *_: True)
+    monkeypatch.setattr(chains._Chains, "fit", fit)
+    assert search.begin_with(bar)
+    assert tried == (["lead_lag"] if left > 100 else ["lead_lag", "rotor_speed", "governor"])
+
+
 def test_a_half_that_scored_too_little_to_be_fitted_alone_is_begun_with_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """A damping of squared rates beside what stood in for late servos: beside it the servos were found."""
     wing, damping = alone("slipstream_wing", 4693.0, ("tau_w",)), alone("quadratic_damping", 380.0)
@@ -344,6 +371,7 @@ def test_where_what_stands_for_others_has_no_fit_the_one_that_promised_most_is_t
             search.found[chains._names(first.effect, second.effect)] = second
 
     monkeypatch.setattr(chains, "score_effects", lambda *_: [one_lag])
+    monkeypatch.setattr(chains, "misfit", lambda _: 0.0)
     monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
     monkeypatch.setattr(chains._Chains, "promising", lambda *_: True)
