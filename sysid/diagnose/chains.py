@@ -51,8 +51,8 @@ HOPELESS = 0.5
 """The same of the effect that promises most beside it, below which no other is tried beside it: of 24 right chains of
 two the least explained 0.59 by then, and 22 of 70 others less than half."""
 BUDGET = 300.0
-"""Base fits that all chains of one diagnosis may cost, by the prices below. Right chains had taken 22 to 156 when they
-were found, but what stands in a half's place is exchanged at the end: with 200 a lag beside play was told as servos."""
+"""Base fits that all chains of one diagnosis may cost (right ones had taken 22 to 156 when they were found, but what
+stands in a half's place is exchanged at the end: with 200 a lag beside play was told as servos), by these prices:"""
 DEAREST = 100.0
 """of one refit at most: a mode of four numbers, looked for beside a damping in time, took all of it and ten minutes;"""
 ASKED = 20.0

@@ -73,7 +73,7 @@ def study_stronger_loops(first: int = 70000, count: int = 40, wider: float = dat
         except (RuntimeError, SysidError) as error:  # a loop that does not hold, runs that determine nothing
             said[case][f"none: {type(error).__name__}"] += 1
             continue
-        alarm = answer.verdict == "missing" or (answer.verdict == "unexplained" and answer.reason is None)
+        alarm = answer.verdict != "complete" and answer.reason is None
         said[case]["alarm" if alarm else f"{answer.verdict}{' by feedback' if answer.reason else ''}"] += 1
         if alarm:
             what = f"{answer.verdict} {' + '.join(answer.chain)} {answer.confidence:.2f}"

@@ -86,8 +86,7 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
 def test_where_the_most_promising_leaves_most_no_other_is_tried_beside_the_same(
     left: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A hinge that sticks, which the catalogue does not have: the best second effect left two thirds, three more, dear
-    ones, no less."""
+    """Of a sticking hinge, which the catalogue does not have, one chain left three fifths, and eight others no less."""
     begun = SimpleNamespace(asked_in=lambda _: None, division=None)
     bar = replace(alone("stabiliser_bar", 320.0), stepped=cast("Any", object()), fit=cast("Any", begun))
     search, tried = search_of(False, bar), list[str]()
