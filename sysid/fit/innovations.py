@@ -53,10 +53,13 @@ class Innovations(Whitening):
         """Of what its model leaves, but for what is the same of all on these bins: rows have unit variance."""
         return float(sum(np.sum(np.log(np.abs(np.linalg.det(one)) ** 2)) for one in self.whitener))
 
-    def surprise(self, residual: FloatArray, J: FloatArray, commands: Sequence[str]) -> tuple[float, int]:
-        """Of the residual (N,) what the commands of the last MEMORY_S explain, whatever the vehicle, less what the
-        model's own parameters, sensitivities J (free, N), do: chi squared, and its degrees of freedom."""
-        some = self([_past_commands(group, commands, self.rate_hz) for group in self.stacks])
+    def surprise(
+        self, residual: FloatArray, J: FloatArray, commands: Sequence[str], youngest: int = 1
+    ) -> tuple[float, int]:
+        """Of the residual (N,) what the commands of the last MEMORY_S explain, none younger than so many samples,
+        whatever the vehicle, less what the model's own parameters, sensitivities J (free, N), do: chi squared, and its
+        degrees of freedom."""
+        some = self([_past_commands(group, commands, self.rate_hz, youngest) for group in self.stacks])
         own = orthonormal(J) if len(J) else J
         basis = orthonormal(some - (some @ own.T) @ own, RANK)
         left = residual - (residual @ own.T) @ own
@@ -147,9 +150,9 @@ def _scaled(noise: Noise, made: Innovations, v: Sequence[ComplexArray], free: in
     return np.asarray(np.linalg.inv(np.linalg.cholesky(power / (count - known / k))) @ noise.root)
 
 
-def _past_commands(group: Stack, commands: Sequence[str], rate_hz: float) -> ComplexArray:
-    """Each command of each of the last samples on each output, (columns, k, bins)."""
+def _past_commands(group: Stack, commands: Sequence[str], rate_hz: float, youngest: int) -> ComplexArray:
+    """Each command of each of the last samples, from so many back on, on each output, (columns, k, bins)."""
     k, u = len(group.Y), group.U[[group.inputs.index(name) for name in commands]]
-    late = lags_of(group, max(1, round(MEMORY_S * rate_hz)), rate_hz)
+    late = lags_of(group, max(youngest, round(MEMORY_S * rate_hz)), rate_hz)[youngest - 1 :]
     found = np.einsum("lf,cf,oi->lcoif", late, u, np.eye(k))
     return np.asarray(found.reshape(-1, k, u.shape[1]))

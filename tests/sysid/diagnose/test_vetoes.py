@@ -144,6 +144,7 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
         validation=None,
         new_share=0.01,
         noise_lost=False,
+        latest_alone=False,
         most_explained=0.0,
         most_paid=0.0,
         paid_with=0.0,
@@ -158,6 +159,9 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
     folded = replace(much, noise_lost=True)
     assert [folded.by_feedback(found.division, chance) for chance in (weak, plain, strong)] == [True] * 3
     assert not folded.by_feedback(logged.division, strong), "an excitation tells what the loop did"
+    ringing = replace(much, latest_alone=True)
+    assert ringing.by_feedback(found.division, strong)
+    assert not ringing.by_feedback(logged.division, strong)
     told = replace(found, verdict="unexplained", reason="feedback")
     assert told.to_json()["reason"] == "feedback"
     assert "no excitation is logged" in answer(told)
