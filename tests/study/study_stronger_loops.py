@@ -1,10 +1,9 @@
 """Clean strange vehicles in loops of double their gain, in gusts up to the largest of the study, on smaller chirps.
 
-    python tests/study/study_stronger_loops.py [FIRST [COUNT [WIDER]]]
+    python tests/study/study_stronger_loops.py [FIRST [COUNT]]
 
 No excitation is logged: the commands are the controller's answer to the gusts. Nothing is hidden, so that each
-`missing`, and each `unexplained` without the reason `feedback`, is a false alarm. WIDER: times the band's upper end, to
-which bins reach where noise is foretold from its past, in place of the package's.
+`missing`, and each `unexplained` without the reason `feedback`, is a false alarm.
 """
 
 from __future__ import annotations
@@ -23,9 +22,7 @@ from strangers.asking import ask  # noqa: E402
 from strangers.flights import Plan, as_planned, planned  # noqa: E402
 from strangers.hiding import NOTHING  # noqa: E402
 
-from sysid.data import dataset  # noqa: E402
 from sysid.errors import SysidError  # noqa: E402
-from sysid.fit import prediction_error  # noqa: E402
 
 LONGEST_S = 60.0
 
@@ -61,8 +58,7 @@ def harder(plan: Plan, case: Case) -> Plan:
     )
 
 
-def study_stronger_loops(first: int = 70000, count: int = 40, wider: float = dataset.WIDER) -> None:
-    dataset.WIDER = prediction_error.WIDER = wider
+def study_stronger_loops(first: int = 70000, count: int = 40) -> None:
     said: dict[Case, Counter[str]] = {case: Counter() for case in CASES}
     for seed in range(first, first + count):
         plan, case = planned(seed), CASES[seed % len(CASES)]
@@ -87,5 +83,4 @@ def study_stronger_loops(first: int = 70000, count: int = 40, wider: float = dat
 
 
 if __name__ == "__main__":
-    given = sys.argv[1:4]
-    study_stronger_loops(*map(int, given[:2]), *map(float, given[2:]))
+    study_stronger_loops(*map(int, sys.argv[1:3]))
