@@ -25,7 +25,7 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.left_by_one import harmless, points_left, share_left
-from sysid.diagnose.levelled import levelled
+from sysid.diagnose.levelled import levelled, near_another
 from sysid.diagnose.likely import ALIKE, do_else, misfit, twins
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
@@ -294,9 +294,10 @@ class _Chains:
         best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
-    def fit(self, first: Ranked, second: Ranked) -> None:
+    def fit(self, first: Ranked, second: Ranked, exchanged: bool = False) -> None:
         """Fit the second beside the first, or the first beside the second where that is dear and this cheaper; and the
-        other way round where the one is not plausible."""
+        other way round where the one is not plausible. What is `exchanged` for a half begins near a chain that was
+        found."""
         self.tried += 1
         spent = min(1.0, 1 - self.left / self.budget) if self.budget > 0 else 1.0
         chain = (first.effect, second.effect)
@@ -307,11 +308,12 @@ class _Chains:
             ways.insert(0, turned)
         for number, (more, begin) in enumerate(ways):
             assert begin.fit is not None
-            if not self.paid(self.price_of(more, begin.fit)):
+            there = near_another(more, begin, self.found, self.single, self.reference.users) if exchanged else None
+            if not self.paid(self.price_of(more, begin.fit, there)):
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
                 return
             try:
-                both = self._fitted(first, second, more, begin)
+                both = self._fitted(first, second, more, begin, there)
             except KeyboardInterrupt:
                 self.interrupt()
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
@@ -346,23 +348,23 @@ class _Chains:
                 self.alone |= {} if alone.implausible else {one.effect: alone}
         return self.alone.get(one.effect)
 
-    def price_of(self, more: Ranked, begin: Candidate) -> float:
+    def price_of(self, more: Ranked, begin: Candidate, near: Model | None = None) -> float:
         """Of one more effect fitted to what it begins with; nothing where it cannot act there."""
         structure, effect = begin.model.structure, named_effect(more.effect, self.reference.users)
         try:
             composed = composed_with(structure, effect, begin.dataset)
-            if goes_by_its_score(more, composed, self.reference.users):
+            if near is None and goes_by_its_score(more, composed, self.reference.users):
                 return PRICES["in time"] if as_scored(more, composed, begin) is not None else 0.0
-            return price(composed, begin.model)
+            return price(composed, near or begin.model)
         except EffectError:
             return 0.0
 
-    def _fitted(self, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked | None:
+    def _fitted(self, first: Ranked, second: Ranked, more: Ranked, begin: Ranked, near: Model | None) -> Ranked | None:
         """The chain, one more effect fitted to what it begins with; None where that has no fit. Kept where it is the
         best of its pair."""
         assert begin.fit is not None
         names = _names(first.effect, second.effect)
-        again = refitted(more, begin.fit, self.reference.users)
+        again = refitted(more, begin.fit, self.reference.users, near)
         if again.fit is None or does_nothing(again.fit, begin.effects):
             return None
         both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
@@ -379,7 +381,7 @@ class _Chains:
         while True:
             best = self.best
             for first, second in self.exchanges(best):
-                self.fit(first, second)
+                self.fit(first, second, exchanged=True)
                 if self.best.effects != best.effects:
                     break
             else:
@@ -403,7 +405,7 @@ class _Chains:
         for half, other in (chain.effects, chain.effects[::-1]):
             again = _unasked(other)
             for one in self.like_alone(half):
-                if self.is_new(one, other) and self.not_too_dear(one, again):
+                if self.is_new(one, other) and self.not_too_dear(one, half, again):
                     yield one, again
             for one in self.like_beside(other, half):
                 if self.is_new(one, other):
@@ -417,12 +419,12 @@ class _Chains:
         resting = [one.id for one in (*catalogue().values(), *self.reference.users) if one.rests_within is not None]
         return [_unasked(name) for name in resting if half in resting and name != half]
 
-    def not_too_dear(self, one: Ranked, other: Ranked) -> bool:
+    def not_too_dear(self, one: Ranked, half: str, other: Ranked) -> bool:
         """Whether a refit is cheap, or may be worth it: what alone explains less than a half of the best chain by more
         than the other half adds does not make up for it beside that."""
         assert one.fit is not None
         best = self.best
-        alone = max((self.single[name].chi_squared for name in best.effects if name in self.single), default=0.0)
+        alone = self.single[half].chi_squared
         return one.chi_squared >= 2 * alone - best.chi_squared or self.price_of(other, one.fit) < DEAR
 
     def like_alone(self, half: str) -> list[Ranked]:

@@ -1,15 +1,18 @@
-"""Chains that are as good by their halves alone, and ended apart: the worse once more from where the better ended."""
+"""Chains that have a half in common: one begins where the other ended, or is fitted once more from there."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sysid.diagnose.candidates import Ranked, Reference, ranked
+from sysid.diagnose.candidates import Ranked, Reference, composed_with, ranked
 from sysid.diagnose.likely import SAME
 from sysid.diagnose.refits import begun_at
+from sysid.errors import FitError
+from sysid.model.effect import Effect, EffectError, named_effect
 from sysid.model.parameter import Parameter
+from sysid.model.structure import Model, Structure
 
 INWARDS = 0.01
 """Of the way from a bound to what is typical, that a value begins inside of it: a bound may have no response."""
@@ -46,10 +49,41 @@ def _from_there(chain: Ranked, best: Ranked, other: Ranked, reference: Reference
     structure = chain.fit.model.structure
     if not structure.linear:
         return None
-    known = {**other.values, **best.fit.model.by_name}
-    values = {one.name: _inside(one, known.get(one.name, one.typical)) for one in structure.parameters}
-    again = begun_at(chain.fit, reference.parent, values)
+    again = begun_at(chain.fit, reference.parent, _beginning(structure, best, other).by_name)
     return None if again is None else ranked(replace(chain, fit=again), reference)
+
+
+def near_another(
+    more: Ranked,
+    begin: Ranked,
+    chains: Mapping[tuple[str, ...], Ranked],
+    single: Mapping[str, Ranked],
+    users: Sequence[Effect],
+) -> Model | None:
+    """Where one more effect and what it is fitted to begin near the best plausible of these chains that has one of the
+    two, the other as it is alone: no valley is looked for then. None where that is not known; what rests, as play and a
+    dead band, has valleys of its own.
+    """
+    assert begin.fit is not None
+    for kept, new in ((more.effect, begin.effect), (begin.effect, more.effect)):
+        there = [one for one in chains.values() if kept in one.effects and not one.implausible]
+        if there and new in single and named_effect(new, users).rests_within is None:
+            break
+    else:
+        return None
+    try:
+        composed = composed_with(begin.fit.model.structure, named_effect(more.effect, users), begin.fit.dataset)
+    except (EffectError, FitError):
+        return None
+    return _beginning(composed, min(there, key=lambda one: one.delta_bic), single[new])
+
+
+def _beginning(structure: Structure, chain: Ranked, other: Ranked) -> Model:
+    """A chain's values, and those of what takes the place of a half as it is alone."""
+    assert chain.fit is not None
+    known = {**other.values, **chain.fit.model.by_name}
+    values = {one.name: _inside(one, known.get(one.name, one.typical)) for one in structure.parameters}
+    return Model(structure, structure.vector(values))
 
 
 def _inside(one: Parameter, value: float) -> float:

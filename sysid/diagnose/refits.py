@@ -195,8 +195,9 @@ def _on_samples(one: Ranked) -> bool:
     return one.effect in known and known[one.effect].samples is not None
 
 
-def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
+def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Model | None = None) -> Ranked:
     """The refit; where it explains far less than the score promised, or fails, a better one from where the score was.
+    It begins `near` where that is given.
 
     Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
     A linear entry beside one that takes simulations in time begins where the score was, and nowhere else: to look at
@@ -207,8 +208,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
         return replace(one, fit=None, not_testable=str(error))
-    near = None
-    if goes_by_its_score(one, composed, users):
+    if near is None and goes_by_its_score(one, composed, users):
         near = as_scored(one, composed, parent)
         if near is None:
             return replace(one, fit=None)

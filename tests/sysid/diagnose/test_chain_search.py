@@ -161,7 +161,7 @@ def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypa
     wing, rotor = alone("slipstream_wing", 150.0), scored("rotor_speed", 89.0)
     tried: list[tuple[str, str]] = []
 
-    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked | None:
+    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked, __: object) -> Ranked | None:
         tried.append((begin.effect, more.effect))
         return None
 
@@ -215,7 +215,8 @@ def test_the_best_chain_is_asked_what_stands_beside_either_half(monkeypatch: pyt
 def exchanged(search: chains._Chains, chi_squared: dict[tuple[str, str], float], patch: pytest.MonkeyPatch) -> Ranked:
     """The best chain after exchanges from the first of these, the others being what fits would find."""
 
-    def fit(_: object, first: Ranked, second: Ranked) -> None:
+    def fit(_: object, first: Ranked, second: Ranked, *, exchanged: bool = True) -> None:
+        assert exchanged
         names = (first.effect, second.effect)
         found = chi_squared.get(names, chi_squared.get(names[::-1], 0.0))
         search.found[chains._names(*names)] = replace(alone("", found), effects=names)
@@ -261,10 +262,12 @@ def test_what_is_dear_takes_the_place_of_a_half_only_where_it_may_be_as_good(mon
     both = ("quadratic_damping", "transport_delay")
     search.found[both] = replace(alone("", 2544.0), effects=both)
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
-    assert search.not_too_dear(near, damping)
-    assert not search.not_too_dear(far, damping)
+    assert search.not_too_dear(near, "transport_delay", damping)
+    assert not search.not_too_dear(far, "transport_delay", damping)
+    search.single["quadratic_damping"] = alone("quadratic_damping", 2500.0)
+    assert search.not_too_dear(near, "transport_delay", damping), "the half that stays explained more alone"
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.PRICES["linear"])
-    assert search.not_too_dear(far, damping)
+    assert search.not_too_dear(far, "transport_delay", damping)
 
 
 def test_what_is_dear_is_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -316,13 +319,13 @@ def test_what_is_cheaper_so_is_fitted_the_other_way_round_first(
     damping, late = alone("quadratic_damping", 900.0), alone("gyro_filter", 800.0)
     tried: list[tuple[str, str]] = []
 
-    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked:
+    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked, __: object) -> Ranked:
         tried.append((begin.effect, more.effect))
         return alone("", 1000.0, () if plausible else ("zeta",))
 
     search = search_of(False, damping, late)
     monkeypatch.setattr(
-        chains._Chains, "price_of", lambda _, more, __: {"quadratic_damping": 25.0, "gyro_filter": 85.0}[more.effect]
+        chains._Chains, "price_of", lambda _, more, *__: {"quadratic_damping": 25.0, "gyro_filter": 85.0}[more.effect]
     )
     monkeypatch.setattr(chains._Chains, "_fitted", fitted)
     search.fit(damping, scored("gyro_filter", 500.0))
@@ -338,13 +341,13 @@ def test_no_single_refit_takes_most_of_the_budget_and_what_is_left_out_is_told(m
     mode, damping = alone("structural_mode", 1361.0, ("kappa_roll",)), alone("quadratic_damping", 255.0)
     tried: list[str] = []
 
-    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked:
+    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked, __: object) -> Ranked:
         tried.append(more.effect)
         return alone("", 1400.0, ("kappa_roll",))
 
     search = search_of(False, mode, damping)
     monkeypatch.setattr(
-        chains._Chains, "price_of", lambda _, more, __: 25.0 if more is damping else chains.DEAREST + 1.0
+        chains._Chains, "price_of", lambda _, more, *__: 25.0 if more is damping else chains.DEAREST + 1.0
     )
     monkeypatch.setattr(chains._Chains, "_fitted", fitted)
     search.fit(mode, damping)

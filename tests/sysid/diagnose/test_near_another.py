@@ -1,0 +1,75 @@
+"""Where a chain begins that takes its place beside another: at that one's values, no valley looked for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.levelled import near_another
+from sysid.model.compose import compose
+from sysid.model.effect import catalogue
+from sysid.model.paper import TPP
+from sysid.model.structure import Model
+
+ON = SimpleNamespace(constants={}, available=TPP.inputs)
+
+
+def fitted(chi_squared: float, implausible: tuple[str, ...] = (), **own: float) -> Ranked:
+    """Effects with their numbers, by the names of these, beside a base that has L_b = chi_squared."""
+    known = [one for one in catalogue().values() if set(one.names) <= own.keys() and one.names]
+    structure = compose(TPP.base_, known, TPP.inputs, {})
+    typical = {one.name: one.typical for one in structure.parameters}
+    model = Model(structure, structure.vector({**typical, "L_b": chi_squared, **own}))
+    names = tuple(one.id for one in known)
+    fit = SimpleNamespace(model=model, dataset=ON, told=(model, {}))
+    return Ranked(
+        effects=names,
+        score=None,
+        not_testable=None,
+        fit=cast("Any", fit),
+        implausible=implausible,
+        chi_squared=chi_squared,
+    )
+
+
+PLAY = fitted(300.0, half_width=0.04)
+LAG = fitted(400.0, tau_s=0.06)
+DELAY = fitted(390.0, T_d=0.05)
+CHAINS = {
+    one.effects: one
+    for one in (fitted(500.0, half_width=0.02, tau_s=0.03), fitted(900.0, ("zeta",), half_width=0.09, tau_g=0.001))
+}
+
+
+def near(more: str, begin: Ranked, single: dict[str, Ranked]) -> Model | None:
+    asked = Ranked(effects=(more,), score=None, not_testable=None)
+    return near_another(asked, begin, CHAINS, single, ())
+
+
+def test_a_chain_begins_at_the_best_plausible_one_and_at_what_is_new_alone() -> None:
+    there = near("servo_backlash", DELAY, {"transport_delay": DELAY})
+    assert there is not None
+    assert set(there.structure.effects) == {"servo_backlash", "transport_delay"}
+    assert (there["half_width"], there["T_d"], there["L_b"]) == (0.02, 0.05, 500.0)
+
+
+def test_that_is_so_whichever_of_the_two_is_fitted_to_the_other() -> None:
+    there = near("transport_delay", PLAY, {"transport_delay": DELAY})
+    assert there is not None
+    assert (there["half_width"], there["T_d"]) == (0.02, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("more", "begin", "single"),
+    [
+        ("servo_backlash", DELAY, {}),
+        ("angular_damping", DELAY, {"transport_delay": DELAY}),
+        ("servo_deadband", LAG, {"servo_deadband": fitted(200.0, width=0.03)}),
+    ],
+    ids=["nothing known alone", "no chain with it", "what rests has valleys of its own"],
+)
+def test_nothing_is_known_of_the_rest(more: str, begin: Ranked, single: dict[str, Ranked]) -> None:
+    assert near(more, begin, single) is None
