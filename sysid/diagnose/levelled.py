@@ -61,8 +61,9 @@ def near_another(
     users: Sequence[Effect],
 ) -> Model | None:
     """Where one more effect and what it is fitted to begin near the best plausible of these chains that has one of the
-    two, the other as it is alone: no valley is looked for then. None where that is not known; what rests, as play and a
-    dead band, has valleys of its own.
+    two, the other as it is alone: no valley is looked for then. None where that is not known, and for linear ones,
+    which look at all for little (a lag beside a filter ended at none); what rests, as play and a dead band, has valleys
+    of its own.
     """
     assert begin.fit is not None
     for kept, new in ((more.effect, begin.effect), (begin.effect, more.effect)):
@@ -74,6 +75,8 @@ def near_another(
     try:
         composed = composed_with(begin.fit.model.structure, named_effect(more.effect, users), begin.fit.dataset)
     except (EffectError, FitError):
+        return None
+    if composed.linear:
         return None
     return _beginning(composed, min(there, key=lambda one: one.delta_bic), single[new])
 

@@ -68,8 +68,9 @@ def test_that_is_so_whichever_of_the_two_is_fitted_to_the_other() -> None:
         ("servo_backlash", DELAY, {}),
         ("angular_damping", DELAY, {"transport_delay": DELAY}),
         ("servo_deadband", LAG, {"servo_deadband": fitted(200.0, width=0.03)}),
+        ("servo_lag", DELAY, {"transport_delay": DELAY}),
     ],
-    ids=["nothing known alone", "no chain with it", "what rests has valleys of its own"],
+    ids=["nothing known alone", "no chain with it", "what rests has valleys of its own", "linear ones look at all"],
 )
 def test_nothing_is_known_of_the_rest(more: str, begin: Ranked, single: dict[str, Ranked]) -> None:
     assert near(more, begin, single) is None
