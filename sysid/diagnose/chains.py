@@ -1,8 +1,5 @@
-"""Chains of two effects: the best second ones on the best first, where those leave something that is not noise.
-
-They are not searched for crumbs, and the search has a budget: prices in base fits that are known before anything is
-fitted, so that the same runs give the same answer on every machine.
-"""
+"""In what order chains of two effects are looked for: the best second ones on the best first, where those leave what is
+not noise. They are not searched for crumbs."""
 
 from __future__ import annotations
 
@@ -17,25 +14,19 @@ from sysid.diagnose.candidates import (
     Ranked,
     Reference,
     chance_of_noise,
-    composed_with,
-    heard,
     rank,
-    ranked,
-    score_effects,
 )
 from sysid.diagnose.evidence import Candidate
+from sysid.diagnose.fitted_chains import DEAR, FittedChains, names_of
 from sysid.diagnose.left_by_one import harmless, points_left, share_left
-from sysid.diagnose.levelled import levelled, near_another
-from sysid.diagnose.likely import ALIKE, do_else, misfit, twins
+from sysid.diagnose.likely import ALIKE, SAME, do_else, misfit
 from sysid.diagnose.loop_change import Limit
-from sysid.diagnose.progress import Asking, Listener, Stage, unheard
-from sysid.diagnose.refits import NEAR, PRICES, as_scored, does_nothing, goes_by_its_score, refitted
+from sysid.diagnose.progress import Listener
+from sysid.diagnose.refits import NEAR, PRICES
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
-from sysid.fit.grow import looks
-from sysid.model.acting import divided, linear_dynamics
-from sysid.model.effect import EffectError, catalogue, named_effect
-from sysid.model.structure import Model, Structure
+from sysid.model.acting import linear_dynamics
+from sysid.model.effect import catalogue
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
@@ -50,17 +41,6 @@ looked for: on strangers that judgements had spent it explained 0.95 by then whe
 HOPELESS = 0.5
 """The same of the effect that promises most beside it, below which no other is tried beside it: of 24 right chains of
 two the least explained 0.59 by then, and 22 of 70 others less than half."""
-BUDGET = 300.0
-"""Base fits that all chains of one diagnosis may cost (right ones had taken 22 to 156 when they were found, but what
-stands in a half's place is exchanged at the end: with 200 a lag beside play was told as servos), by these prices:"""
-DEAREST = 100.0
-"""of one refit at most: a mode of four numbers, looked for beside a damping in time, took all of it and ten minutes;"""
-ASKED = 20.0
-"""of the catalogue's scores on one first effect;"""
-LOOKS = {"linear": 0.6, "samples": 2.0, "in time": 15.0}
-"""of a look at each beginning before a refit, by what has to be simulated, beside PRICES of that."""
-DEAR = PRICES["in time"]
-"""Price of a refit from which on it is for no crumbs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,59 +98,8 @@ def _best_elsewhere(able: Sequence[Ranked]) -> Ranked | None:
     return best if (best.validation_share or 0.0) > (able[0].validation_share or 0.0) + REMAINDER else None
 
 
-def price(composed: Structure, begin: Model) -> float:
-    """Of a refit that grows from this model, in base fits."""
-    if not linear_dynamics(composed):
-        kind = "in time"
-    else:
-        kind = "samples" if divided(composed)[0] else "linear"
-    return PRICES[kind] + LOOKS[kind] * looks(composed, begin.by_name)
-
-
-class _Chains:
-    """Chains that were fitted, each pair of effects once, at its best."""
-
-    def __init__(
-        self, fitted: Sequence[Ranked], reference: Reference, say: Listener, budget: float | None, answered: bool
-    ) -> None:
-        self.reference, self.say = reference, say
-        self.budget = self.left = BUDGET if budget is None else budget
-        self.tried = 0
-        self.answered = answered
-        self.single = {one.effect: one for one in fitted}
-        """Effects that were fitted alone;"""
-        self.alone = {one.effect: one for one in fitted if not one.implausible}
-        """of them the plausible ones."""
-        self.seconds: dict[str, list[Ranked]] = {}
-        """What was asked beside each first effect, the most promising first."""
-        self.found: dict[tuple[str, ...], Ranked] = {}
-        self.interrupted = False
-        self.not_asked: dict[str, None] = {}
-        self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
-        self.given_up: MuchLeft | None = None
-
-    @property
-    def unsearched(self) -> BudgetSpent | MuchLeft | None:
-        """What the budget, or who ended the search, left out; else why no other was looked for."""
-        pairs = tuple(pair for names, pair in self.not_fitted.items() if names not in self.found)
-        if pairs or self.not_asked or self.interrupted:
-            return BudgetSpent(pairs, tuple(self.not_asked), self.interrupted)
-        return self.given_up
-
-    def interrupt(self) -> None:
-        """Try nothing more; who wants the end at once interrupts once more."""
-        self.left, self.interrupted = -math.inf, True
-
-    def paid(self, cost: float) -> bool:
-        """Whether the budget has this left, and one thing may cost so much; it is taken from it then."""
-        if cost > min(self.left, DEAREST):
-            return False
-        self.left -= cost
-        return True
-
-    @property
-    def best(self) -> Ranked:
-        return min(self.found.values(), key=lambda one: one.delta_bic)
+class _Chains(FittedChains):
+    """In what order they are looked for."""
 
     def search(self, able: Sequence[Ranked]) -> bool:
         """Begin with the best of the able, then with the halves of the best chain; False where the very best alone
@@ -183,16 +112,21 @@ class _Chains:
                 if first is able[0] and not first.implausible and not self.found:
                     return False
                 continue
-            if self.found and first is able[0] and (explained := _explained(self.best)) < HOPEFUL:
-                self.given_up = MuchLeft(self.best.effects, explained)
-                return True
+            if self.found and first is able[0] and _explained(self.best) < HOPEFUL:
+                self.exchange_doubtful()
+                if (explained := _explained(self.best)) < HOPEFUL:
+                    self.given_up = MuchLeft(self.best.effects, explained)
+                    return True
             if self.found and self.leaves_noise(self.best):
                 break
             if not waiting and self.found:
                 # each half of the best chain may have another partner that does better still
                 waiting = self.halves_of_the_best(done)
         if self.found:
+            self.exchange_doubtful()
             self.exchange_halves()
+            if self.exchange_doubtful():
+                self.exchange_halves()
             self.level()
         return True
 
@@ -220,34 +154,16 @@ class _Chains:
         if chance_of_noise(begun.division, scores, first.stepped, self.reference.whitening) >= SIGNIFICANT:
             return False
         # what is dear last: the best of the others may be out of its reach by then
-        chosen = self.of_each_kind(self.without_twins(asked), begun)[:SECONDS]
+        chosen = self.of_each_kind(self.without_twins(self.able_beside(begun, asked)), begun)[:SECONDS]
         for second, promise in sorted(chosen, key=lambda each: self.price_of(each[0], begun) >= DEAR):
-            if _names(first.effect, second.effect) not in self.found and self.promising(first, promise):
+            if names_of(first.effect, second.effect) not in self.found and self.promising(first, promise):
                 self.fit(first, second)
                 # what has no fit there stands for none: its response, or a size of it, went beyond all bounds
-                if promise is not second and _names(first.effect, second.effect) not in self.found:
+                if promise is not second and names_of(first.effect, second.effect) not in self.found:
                     self.fit(first, promise)
             if second is chosen[0][0] and self.found and _explained(self.best) < HOPELESS:
                 break
         return True
-
-    def ask_beside(self, first: Ranked) -> Sequence[Ranked] | None:
-        """What promises most beside an effect first; None where the budget, or who waits, has no time to ask."""
-        assert first.fit is not None
-        assert first.stepped is not None
-        if not self.paid(ASKED):
-            self.not_asked[first.effect] = None
-            return None
-        self.say(Asking(stage=Stage.SECONDS, effects=first.effects))
-        whitening, users = self.reference.whitening, self.reference.users
-        try:
-            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, unheard)
-        except KeyboardInterrupt:
-            self.interrupt()
-            self.not_asked[first.effect] = None
-            return None
-        self.seconds[first.effect] = sorted((one for one in seconds if one.not_testable is None), key=_promise)
-        return self.seconds[first.effect]
 
     def without_twins(self, seconds: Sequence[Ranked]) -> list[Ranked]:
         """Of those that alone answer the same to the last digits the first: the others are exchanged for it at the
@@ -272,14 +188,6 @@ class _Chains:
                 kept[like] = one, kept[like][1]
         return kept
 
-    def alike(self, one: str, other: str) -> bool:
-        """Whether two plausible effects explain the same alone."""
-        return one in self.alone and other in self.alone and not do_else(self.alone[one], self.alone[other])
-
-    def twins(self, one: str, other: str) -> bool:
-        """Whether two plausible effects are the same one under two names."""
-        return one in self.alone and other in self.alone and twins(self.alone[one], self.alone[other])
-
     def promising(self, first: Ranked, second: Ranked) -> bool:
         """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
         plausible effect alone) explains more; beside an answer, where it is dear, that it is no crumb."""
@@ -294,88 +202,6 @@ class _Chains:
         best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
-    def fit(self, first: Ranked, second: Ranked, exchanged: bool = False) -> None:
-        """Fit the second beside the first, or the first beside the second where that is dear and this cheaper; and the
-        other way round where the one is not plausible. What is `exchanged` for a half begins near a chain that was
-        found."""
-        self.tried += 1
-        spent = min(1.0, 1 - self.left / self.budget) if self.budget > 0 else 1.0
-        chain = (first.effect, second.effect)
-        self.say(Asking(stage=Stage.CHAINS, effects=chain, number=self.tried, done=spent, at_most=True))
-        ways = [(second, first)]
-        turned = self.turned(first, second)
-        if turned is not None:
-            ways.insert(0, turned)
-        for number, (more, begin) in enumerate(ways):
-            assert begin.fit is not None
-            there = near_another(more, begin, self.found, self.single, self.reference.users) if exchanged else None
-            if not self.paid(self.price_of(more, begin.fit, there)):
-                self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
-                return
-            try:
-                both = self._fitted(first, second, more, begin, there)
-            except KeyboardInterrupt:
-                self.interrupt()
-                self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
-                return
-            if both is not None and not both.implausible:
-                return
-            if number == 0 and turned is None:
-                # alone, the first one stands in for the second too, and may not come away from there
-                other = self.fitted_alone(second) if both is None else self.alone.get(second.effect)
-                ways += [] if other is None else [(first, other)]
-
-    def turned(self, first: Ranked, second: Ranked) -> tuple[Ranked, Ranked] | None:
-        """The first to be fitted beside the second, where that was fitted alone and it is cheaper so: what is linear
-        has to look for its valley, and each look is simulated beside what is not."""
-        other = self.alone.get(second.effect)
-        if other is None or other.fit is None or first.fit is None:
-            return None
-        price = self.price_of(second, first.fit)
-        return (first, other) if price >= DEAR and self.price_of(first, other.fit) < price else None
-
-    def fitted_alone(self, one: Ranked) -> Ranked | None:
-        """The effect by itself, fitted now where it was not; None where it is not plausible there, or too dear."""
-        parent = self.reference.parent
-        if one.effect not in self.single and self.paid(self.price_of(one, parent)):
-            try:
-                alone = ranked(refitted(one, parent, self.reference.users), self.reference)
-            except KeyboardInterrupt:
-                self.interrupt()
-                return None
-            if alone.fit is not None:
-                self.single[one.effect] = alone
-                self.alone |= {} if alone.implausible else {one.effect: alone}
-        return self.alone.get(one.effect)
-
-    def price_of(self, more: Ranked, begin: Candidate, near: Model | None = None) -> float:
-        """Of one more effect fitted to what it begins with; nothing where it cannot act there."""
-        structure, effect = begin.model.structure, named_effect(more.effect, self.reference.users)
-        try:
-            composed = composed_with(structure, effect, begin.dataset)
-            if near is None and goes_by_its_score(more, composed, self.reference.users):
-                return PRICES["in time"] if as_scored(more, composed, begin) is not None else 0.0
-            return price(composed, near or begin.model)
-        except EffectError:
-            return 0.0
-
-    def _fitted(self, first: Ranked, second: Ranked, more: Ranked, begin: Ranked, near: Model | None) -> Ranked | None:
-        """The chain, one more effect fitted to what it begins with; None where that has no fit. Kept where it is the
-        best of its pair."""
-        assert begin.fit is not None
-        names = _names(first.effect, second.effect)
-        again = refitted(more, begin.fit, self.reference.users, near)
-        if again.fit is None or does_nothing(again.fit, begin.effects):
-            return None
-        both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
-        both = ranked(both, self.reference)
-        if both.fit is None:
-            return None
-        self.say(heard(both, self.reference.parent))
-        if names not in self.found or both.delta_bic < self.found[names].delta_bic:
-            self.found[names] = both
-        return both
-
     def exchange_halves(self) -> None:
         """Put what may stand there in the place of each half of the best chain, until none is better."""
         while True:
@@ -387,14 +213,34 @@ class _Chains:
             else:
                 return
 
-    def level(self) -> None:
-        """Fit once more what fell behind the best chain by where it ended; nothing after Ctrl-C."""
-        if self.interrupted:
-            return
-        try:
-            self.found |= levelled(self.best, self.found, self.alone, self.reference)
-        except KeyboardInterrupt:
-            self.interrupt()
+    def exchange_doubtful(self) -> bool:
+        """Put plausible effects in the place of what has doubtful values in the likeliest chains, where the very best
+        has some: what only resembles explains much beside everything, and nothing was begun with what is there. Whether
+        one is better than the best then."""
+        best = self.best
+        if not best.outside:
+            return False
+        near = [one for one in self.found.values() if one.chi_squared > best.chi_squared - SAME]
+        for chain in sorted(near, key=rank):
+            for half, other in (chain.effects, chain.effects[::-1]):
+                if not _doubtful(chain, half) or _doubtful(chain, other):
+                    continue
+                if (beside := self.fitted_alone(_unasked(other))) is not None:
+                    for one in self.plausible_beside(beside)[:SECONDS]:
+                        self.fit(beside, one, exchanged=True)
+        return self.best.effects != best.effects
+
+    def plausible_beside(self, other: Ranked) -> list[Ranked]:
+        """Plausible effects that alone explain most and do something else, and are linear beside this one."""
+        begin = other.fit
+        assert begin is not None
+        return [
+            _unasked(one.effect)
+            for one in self.without_twins(sorted(self.alone.values(), key=rank))
+            if self.is_new(one, other.effect)
+            and do_else(one, other)
+            and 0 < self.price_of(one, begin) < PRICES["samples"]
+        ]
 
     def exchanges(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
         """What rests as a half of it does, alone explains the same, or by its score as much beside the other half; each
@@ -410,9 +256,6 @@ class _Chains:
             for one in self.like_beside(other, half):
                 if self.is_new(one, other):
                     yield self.single[other], one
-
-    def is_new(self, one: Ranked, other: str) -> bool:
-        return one.effect != other and _names(one.effect, other) not in self.found
 
     def rests_as(self, half: str) -> list[Ranked]:
         """A dead band for play and the other way round, which beside a lag only fits tell apart."""
@@ -450,7 +293,7 @@ class _Chains:
             and one.score.log_p <= SIGNIFICANT
             and one.score.chi_squared >= (1 - ALIKE) * promised
         ]
-        return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR][:SECONDS]
+        return [one for one in like if begin is not None and 0 < self.price_of(one, begin) < DEAR][:SECONDS]
 
     def seconds_beside(self, other: str) -> Sequence[Ranked]:
         """What was asked beside an effect that was fitted alone; asked now, where an excitation is logged and nothing
@@ -466,9 +309,9 @@ def _unasked(name: str) -> Ranked:
     return Ranked(effects=(name,), score=None, not_testable=None)
 
 
-def _names(first: str, second: str) -> tuple[str, ...]:
-    """Of a pair of effects, whichever came first."""
-    return tuple(sorted((first, second)))
+def _doubtful(chain: Ranked, half: str) -> bool:
+    """Whether values of this half are outside what physics allows, or at a bound."""
+    return any(name in chain.outside for one in chain.own if (one.path or one.id) == half for name in one.names)
 
 
 def _different(able: Sequence[Ranked]) -> list[Ranked]:
@@ -487,7 +330,3 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
 def _explained(chain: Ranked) -> float:
     """Share of all chi squared beyond noise."""
     return chain.chi_squared / max(chain.chi_squared + misfit(chain), 1e-300)
-
-
-def _promise(one: Ranked) -> float:
-    return -math.inf if one.score is None else -one.score.chi_squared

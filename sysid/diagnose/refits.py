@@ -208,15 +208,17 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
         return replace(one, fit=None, not_testable=str(error))
+    begin = None
     if near is None and goes_by_its_score(one, composed, users):
-        near = as_scored(one, composed, parent)
+        near = begin = as_scored(one, composed, parent)
         if near is None:
             return replace(one, fit=None)
     fit, failure = refit_or_reason(composed, parent, one.effects, near)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
-    begin = as_scored(one, composed, parent) if shows and linear_dynamics(composed) else None
+    if linear_dynamics(composed):
+        begin = as_scored(one, composed, parent)
     astray = False
-    if begin is not None:
+    if begin is not None and shows:
         fit, astray = _as_promised(fit, composed, parent, one, begin)
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
@@ -262,7 +264,9 @@ def _as_promised(
     again = refit_or_reason(composed, parent, one.effects, begin)[0] if short and composed.linear else None
     if again is not None and explained_by(again, parent, metric) > explained:
         fit, explained = again, explained_by(again, parent, metric)
-    if fit is None or not parent.division.measured or (explained >= promised and not _has_far_to_go(fit, parent)):
+    if fit is None or not parent.division.measured:
+        return fit, False
+    if explained >= promised and not (_at_a_bound(fit, parent) or _has_far_to_go(fit, parent)):
         return fit, False
     again = by_the_noise(fit, begin, metric)
     if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
@@ -270,11 +274,16 @@ def _as_promised(
     return again, True
 
 
+def _at_a_bound(fit: Candidate, parent: Candidate) -> bool:
+    """Whether it ended where one of its own sizes may not be more, or less."""
+    return bool(set(fit.estimate.at_bound) - set(parent.free))
+
+
 def _has_far_to_go(fit: Candidate, parent: Candidate) -> bool:
     """Whether what is not linear would yet move by more than FAR in the parent's metric: what it explains is then what
     a slope promises, far from where it was taken."""
     own = [name for name in fit.free if name not in parent.free]
-    if fit.model.structure.linear or not own:
+    if fit.model.structure.linear or not linear_dynamics(fit.model.structure) or not own:
         return False
     move = dict(zip(fit.free, White.of(fit, parent.metric).move(fit).tolist(), strict=True))
     return any(abs(move[name]) > FAR * abs(fit.model[name]) for name in own)
@@ -331,9 +340,11 @@ def goes_by_its_score(one: Ranked, composed: Structure, users: Sequence[Effect])
 
 
 def as_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
-    """The parent with the entry as it was scored; None where a size is beyond what it may be: that says that there is
-    none."""
-    return None if one.score is None else _inside(composed, dict(one.score.at) | parent.model.by_name)
+    """The parent with the entry as it was scored; None where a size is beyond what it may be, or the residual shows the
+    opposite: that says that there is none."""
+    if one.score is None or one.score.times < 0:
+        return None
+    return _inside(composed, dict(one.score.at) | parent.model.by_name)
 
 
 def _inside(composed: Structure, values: Mapping[str, float]) -> Model | None:

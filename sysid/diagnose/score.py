@@ -52,6 +52,9 @@ class Score:
     """The point of the grids, and the one-step estimates of parameters that begin at their null."""
     errors: Mapping[str, float]
     """Standard errors of those estimates."""
+    times: float = 1.0
+    """How often the residual shows what the effect does at that point, where the point itself acts: below zero it shows
+    the opposite."""
     at_least: float = math.inf
     """Chi squared by the noise's power when the effect acts, where noise comes in bursts; of what acts on the commands'
     samples that of the frequencies at which a thinned log tells these; where that is less."""
@@ -217,7 +220,7 @@ class _Question:
         Z1 = Z1[keep]
         chi_squared, degrees, at_least, surely = self._explained(Z1, sized)
         names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
-        moves, errors = ({}, {}) if D is None else self._moves(names, D[keep], Z1, dict(steps))
+        moves, errors, times = ({}, {}, 1.0) if D is None else self._moves(names, D[keep], Z1, dict(steps))
         return Score(
             effect=self.effect.path or self.effect.id,
             chi_squared=chi_squared,
@@ -225,6 +228,7 @@ class _Question:
             tried=tried,
             at={**point, **{name: point[name] + move for name, move in moves.items()}},
             errors=errors,
+            times=times,
             at_least=at_least,
             surely=surely,
         )
@@ -277,17 +281,19 @@ class _Question:
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]
-    ) -> tuple[dict[str, float], dict[str, float]]:
-        """One-step estimates of the parameters that step, less their values now, and standard errors."""
+    ) -> tuple[dict[str, float], dict[str, float], float]:
+        """One-step estimates of the parameters that step, less their values now, standard errors, and what there is of
+        the point itself (1 where it does not act)."""
         try:
             inverse = np.linalg.inv(Z @ D.T)
         except np.linalg.LinAlgError:
-            return {}, {}
+            return {}, {}, 1.0
         move = inverse @ (Z @ self.stepped.residual)
         spread = np.sqrt(np.maximum(np.diag(inverse @ (Z @ Z.T) @ inverse.T), 0))
         each = [(name, float(times), float(error)) for name, times, error in zip(names, move, spread, strict=True)]
         moves = {name: times * width[name] for name, times, _ in each if name}
-        return moves, {name: error * abs(width[name]) for name, _, error in each if name}
+        here = next((times for name, times, _ in each if not name), 1.0)
+        return moves, {name: error * abs(width[name]) for name, _, error in each if name}, here
 
 
 def in_bursts(Z: FloatArray, residual: FloatArray, envelope: Envelope) -> float:

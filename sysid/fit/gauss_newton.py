@@ -142,12 +142,15 @@ def minimise(
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
-        move = bounded_step(here, free, low - values, high - values)
+        least, most = low - values, high - values
+        move = bounded_step(here, free, least, most)
         promise = here.promise(move)
         if promise < tolerance:
             break
         weights = axis_weights(stacks, here.power) if spectral is None else spectral
-        ends = (values, np.clip(values + move, low, high))
+        # where it goes to a bound it is at it, not within by what rounding leaves
+        end = np.where(move <= least, low, np.where(move >= most, high, values + move))
+        ends = (values, end)
         reached = _lower(equations, ends, weights, here, tolerance / promise)
         if reached is None:
             break

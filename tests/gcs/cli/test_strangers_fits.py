@@ -22,7 +22,7 @@ from sysid.compare.data_checks import mistaken_signs
 from sysid.compare.finding_kinds import WrongSigns
 from sysid.data.record import Record
 from sysid.data.stacks import Stack
-from sysid.diagnose import chains
+from sysid.diagnose import fitted_chains
 from sysid.fit import checks
 from sysid.fit.identify import identify
 from sysid.model import predict
@@ -187,7 +187,7 @@ def test_ctrl_c_in_a_long_diagnosis_gives_the_answer_so_far(
     def pressed(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(chains, "refitted", pressed)
+    monkeypatch.setattr(fitted_chains, "refitted", pressed)
     status, out, _ = tippath("diagnose", tmp_path / "fit.json", "--repeat")
     assert status == 130
     assert "servo_lag" in out

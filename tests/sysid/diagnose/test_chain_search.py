@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from sysid.diagnose import chains
+from sysid.diagnose import chains, fitted_chains, refits
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.score import Score
 from sysid.diagnose.unsearched import BudgetSpent, MuchLeft
@@ -35,7 +35,7 @@ def alone(name: str, chi_squared: float, implausible: tuple[str, ...] = ()) -> R
 
 def test_what_is_dear_and_little_is_tried_beside_what_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     stiff = alone("attitude_stiffness", 5386.0, ("M_theta",))
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: fitted_chains.DEAR)
     assert search_of(False, stiff).promising(stiff, scored("rotor_speed", 253.0))
     assert not search_of(True, stiff).promising(stiff, scored("rotor_speed", 253.0))
 
@@ -74,7 +74,7 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: left == 0)
     monkeypatch.setattr(chains._Chains, "fitted_alone", lambda *_: None)
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: begun.append("exchanged"))
-    monkeypatch.setattr(chains, "levelled", lambda *_: {})
+    monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})
     assert search.search([bar, lag])
     expected = {0.0: ["stabiliser_bar", "exchanged"], 20.0: ["stabiliser_bar", "servo_lag", "exchanged"]}
     assert begun == expected.get(left, ["stabiliser_bar"])
@@ -94,11 +94,12 @@ def test_where_the_most_promising_leaves_most_no_other_is_tried_beside_the_same(
 
     def fit(_: object, first: Ranked, second: Ranked) -> None:
         tried.append(second.effect)
-        search.found[chains._names(first.effect, second.effect)] = replace(alone("", 100.0), effects=("", ""))
+        search.found[fitted_chains.names_of(first.effect, second.effect)] = replace(alone("", 100.0), effects=("", ""))
 
     seconds = [scored(name, size) for name, size in (("rotor_speed", 60.0), ("lead_lag", 70.0), ("governor", 50.0))]
-    dear = {"governor": chains.DEAR}
-    monkeypatch.setattr(chains, "score_effects", lambda *_: seconds)
+    dear = {"governor": fitted_chains.DEAR}
+    monkeypatch.setattr(fitted_chains, "score_effects", lambda *_: seconds)
+    monkeypatch.setattr(chains._Chains, "_opposed", lambda *_: False)
     monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
     monkeypatch.setattr(chains, "misfit", lambda _: left)
     monkeypatch.setattr(chains._Chains, "price_of", lambda _, one, __: dear.get(one.effect, 2.0))
@@ -126,7 +127,7 @@ def test_a_half_that_scored_too_little_to_be_fitted_alone_is_begun_with_too(monk
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: None)
     monkeypatch.setattr(chains._Chains, "begin_with", begin)
     monkeypatch.setattr(chains._Chains, "fitted_alone", fitted_alone)
-    monkeypatch.setattr(chains, "levelled", lambda *_: {})
+    monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})
     assert search.search([wing])
     assert begun == ["slipstream_wing", "quadratic_damping"]
 
@@ -141,7 +142,7 @@ def test_ctrl_c_in_what_is_fitted_once_more_keeps_what_was_found(monkeypatch: py
     search = search_of(False, alone("servo_lag", 180.0))
     search.reference = cast("Any", SimpleNamespace(parent=None, users=()))
     search.found["", ""] = replace(alone("", 300.0), effects=("servo_lag", "speed_stability"))
-    monkeypatch.setattr(chains, "levelled", ended)
+    monkeypatch.setattr(fitted_chains, "levelled", ended)
     search.level()
     assert search.interrupted
     assert search.unsearched == BudgetSpent((), (), interrupted=True), "else --repeat would go on"
@@ -151,7 +152,7 @@ def test_ctrl_c_in_what_is_fitted_once_more_keeps_what_was_found(monkeypatch: py
     halves = search_of(False, alone("servo_lag", 180.0))
     halves.reference, halves.found = search.reference, search.found
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
-    monkeypatch.setattr(chains, "refitted", ended)
+    monkeypatch.setattr(fitted_chains, "refitted", ended)
     assert [one.effect for one in halves.halves_of_the_best(set())] == ["servo_lag"]
     assert halves.interrupted
     assert halves.unsearched == search.unsearched
@@ -167,8 +168,8 @@ def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypa
 
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 1.0)
     monkeypatch.setattr(chains._Chains, "_fitted", fitted)
-    monkeypatch.setattr(chains, "refitted", lambda *_: alone("rotor_speed", 0.0))
-    monkeypatch.setattr(chains, "ranked", lambda one, _: one)
+    monkeypatch.setattr(fitted_chains, "refitted", lambda *_: alone("rotor_speed", 0.0))
+    monkeypatch.setattr(fitted_chains, "ranked", lambda one, _: one)
     search = search_of(False, wing)
     search.reference = cast("Any", SimpleNamespace(parent=None, users=()))
     search.fit(wing, rotor)
@@ -182,7 +183,7 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     search.seconds["attitude_stiffness"] = lags
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
     monkeypatch.setattr(chains, "do_else", lambda *_: False)
-    monkeypatch.setattr(chains, "twins", lambda *_: False)
+    monkeypatch.setattr(fitted_chains, "twins", lambda *_: False)
     names = [one.effect for one in search.like_beside("attitude_stiffness", "gyro_filter")]
     assert names == ["gyro_filter", "gyro_lag"]
     assert "attitude_stiffness" in [one.effect for one in search.like_alone("speed_stability")]
@@ -219,7 +220,7 @@ def exchanged(search: chains._Chains, chi_squared: dict[tuple[str, str], float],
         assert exchanged
         names = (first.effect, second.effect)
         found = chi_squared.get(names, chi_squared.get(names[::-1], 0.0))
-        search.found[chains._names(*names)] = replace(alone("", found), effects=names)
+        search.found[fitted_chains.names_of(*names)] = replace(alone("", found), effects=names)
 
     patch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
     patch.setattr(chains._Chains, "seconds_beside", lambda search, other: search.seconds.get(other, []))
@@ -237,7 +238,7 @@ def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatc
     search = search_of(False, gyro, servo, damping, hub)
     late = (gyro, servo)
     monkeypatch.setattr(chains, "do_else", lambda one, other: (one in late) != (other in late))
-    monkeypatch.setattr(chains, "twins", lambda one, other: one in late and other in late)
+    monkeypatch.setattr(fitted_chains, "twins", lambda one, other: one in late and other in late)
     found = {
         ("gyro_lag", "hub_gyroscopics"): 2826.0,
         ("gyro_lag", "angular_damping"): 2835.0,
@@ -261,12 +262,12 @@ def test_what_is_dear_takes_the_place_of_a_half_only_where_it_may_be_as_good(mon
     search = search_of(False, delay, near, far)
     both = ("quadratic_damping", "transport_delay")
     search.found[both] = replace(alone("", 2544.0), effects=both)
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: fitted_chains.DEAR)
     assert search.not_too_dear(near, "transport_delay", damping)
     assert not search.not_too_dear(far, "transport_delay", damping)
     search.single["quadratic_damping"] = alone("quadratic_damping", 2500.0)
     assert search.not_too_dear(near, "transport_delay", damping), "the half that stays explained more alone"
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.PRICES["linear"])
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: refits.PRICES["linear"])
     assert search.not_too_dear(far, "transport_delay", damping)
 
 
@@ -280,8 +281,9 @@ def test_what_is_dear_is_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
     search.reference = cast("Any", SimpleNamespace(whitening=whitening, users=()))
     begun = SimpleNamespace(asked_in=lambda _: None, division=None)
     first = replace(first, fit=cast("Any", begun))
-    dear = {"quadratic_damping": chains.DEAR}
-    monkeypatch.setattr(chains, "score_effects", lambda *_: seconds)
+    dear = {"quadratic_damping": fitted_chains.DEAR}
+    monkeypatch.setattr(fitted_chains, "score_effects", lambda *_: seconds)
+    monkeypatch.setattr(chains._Chains, "_opposed", lambda *_: False)
     monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
     monkeypatch.setattr(chains._Chains, "price_of", lambda _, one, __: dear.get(one.effect, 2.0))
     monkeypatch.setattr(chains._Chains, "fit", lambda _, __, one: tried.append(one.effect))
@@ -298,15 +300,15 @@ def test_of_what_is_dear_and_alone_alike_the_best_stands_for_all(monkeypatch: py
         *(scored("servo_lag", 2424.0), scored("transport_delay", 2368.0), scored("servo_rate_limit", 1700.0)),
         *(scored("gyro_filter", 1649.0), scored("dynamic_inflow", 967.0)),
     ]
-    monkeypatch.setattr(chains, "do_else", lambda one, other: inflow in (one, other))
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    monkeypatch.setattr(fitted_chains, "do_else", lambda one, other: inflow in (one, other))
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: fitted_chains.DEAR)
     kinds = [(one.effect, promise.effect) for one, promise in search.of_each_kind(seconds, cast("Any", None))]
     assert kinds == [
         ("gyro_filter", "servo_lag"),
         ("servo_rate_limit", "servo_rate_limit"),
         ("dynamic_inflow", "dynamic_inflow"),
     ]
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.PRICES["linear"])
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: refits.PRICES["linear"])
     kinds = [(one.effect, promise.effect) for one, promise in search.of_each_kind(seconds, cast("Any", None))]
     assert kinds == [(one.effect, one.effect) for one in seconds], "what costs little is tried itself"
 
@@ -331,7 +333,7 @@ def test_what_is_cheaper_so_is_fitted_the_other_way_round_first(
     search.fit(damping, scored("gyro_filter", 500.0))
     both = [("gyro_filter", "quadratic_damping"), ("quadratic_damping", "gyro_filter")]
     assert tried == both[: 1 if plausible else 2]
-    assert search.left == chains.BUDGET - (25.0 if plausible else 110.0)
+    assert search.left == fitted_chains.BUDGET - (25.0 if plausible else 110.0)
     tried.clear()
     search.fit(late, scored("quadratic_damping", 500.0))
     assert tried[0] == ("gyro_filter", "quadratic_damping")
@@ -347,12 +349,12 @@ def test_no_single_refit_takes_most_of_the_budget_and_what_is_left_out_is_told(m
 
     search = search_of(False, mode, damping)
     monkeypatch.setattr(
-        chains._Chains, "price_of", lambda _, more, *__: 25.0 if more is damping else chains.DEAREST + 1.0
+        chains._Chains, "price_of", lambda _, more, *__: 25.0 if more is damping else fitted_chains.DEAREST + 1.0
     )
     monkeypatch.setattr(chains._Chains, "_fitted", fitted)
     search.fit(mode, damping)
     assert tried == ["quadratic_damping"]
-    assert search.left == chains.BUDGET - 25.0
+    assert search.left == fitted_chains.BUDGET - 25.0
     assert search.unsearched == BudgetSpent((("structural_mode", "quadratic_damping"),))
 
 
@@ -370,12 +372,13 @@ def test_where_what_stands_for_others_has_no_fit_the_one_that_promised_most_is_t
     def fit(_: object, first: Ranked, second: Ranked) -> None:
         tried.append(second.effect)
         if second.effect in has_a_fit:
-            search.found[chains._names(first.effect, second.effect)] = second
+            search.found[fitted_chains.names_of(first.effect, second.effect)] = second
 
-    monkeypatch.setattr(chains, "score_effects", lambda *_: [one_lag])
+    monkeypatch.setattr(fitted_chains, "score_effects", lambda *_: [one_lag])
+    monkeypatch.setattr(chains._Chains, "_opposed", lambda *_: False)
     monkeypatch.setattr(chains, "misfit", lambda _: 0.0)
     monkeypatch.setattr(chains, "chance_of_noise", lambda *_: -1e3)
-    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: fitted_chains.DEAR)
     monkeypatch.setattr(chains._Chains, "promising", lambda *_: True)
     monkeypatch.setattr(chains._Chains, "of_each_kind", lambda *_: [(each, one_lag)])
     monkeypatch.setattr(chains._Chains, "fit", fit)

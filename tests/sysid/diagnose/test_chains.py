@@ -13,10 +13,10 @@ from planted_fits import records
 
 from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
-from sysid.diagnose import chains, confidence, left_by_one, shares, verdict
+from sysid.diagnose import chains, confidence, fitted_chains, left_by_one, shares, verdict
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.chains import price
 from sysid.diagnose.diagnose import _under, diagnose
+from sysid.diagnose.fitted_chains import price
 from sysid.diagnose.loop_change import MarginChange
 from sysid.diagnose.progress import unheard
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
@@ -155,9 +155,9 @@ def test_the_other_half_of_a_chain_is_what_explains_the_validation_runs() -> Non
 @pytest.mark.parametrize(
     ("budget", "tried", "left_out"),
     [
-        (chains.ASKED - 1, 0, lambda spent: spent.chains == () and len(spent.firsts) >= 1),
+        (fitted_chains.ASKED - 1, 0, lambda spent: spent.chains == () and len(spent.firsts) >= 1),
         (
-            chains.ASKED + 1,
+            fitted_chains.ASKED + 1,
             0,
             lambda spent: len(spent.chains) >= 1 and set(spent.chains[0]) <= {"servo_lag", "gyro_misalignment"},
         ),
@@ -170,7 +170,7 @@ def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
     tried: int,
     left_out: Callable[[BudgetSpent], bool],
 ) -> None:
-    monkeypatch.setattr(chains, "BUDGET", budget)
+    monkeypatch.setattr(fitted_chains, "BUDGET", budget)
     found = asked(flight)
     assert len(found.pairs) == tried
     assert isinstance(found.unsearched, BudgetSpent)
@@ -186,7 +186,7 @@ def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
 def test_ctrl_c_ends_the_search_and_keeps_what_was_found(
     flight: list[Record], monkeypatch: pytest.MonkeyPatch, work: str, pressed: int, pairs: int
 ) -> None:
-    done, count = getattr(chains, work), 0
+    done, count = getattr(fitted_chains, work), 0
 
     def interrupted(*args: Any) -> Any:
         nonlocal count
@@ -195,7 +195,7 @@ def test_ctrl_c_ends_the_search_and_keeps_what_was_found(
             raise KeyboardInterrupt
         return done(*args)
 
-    monkeypatch.setattr(chains, work, interrupted)
+    monkeypatch.setattr(fitted_chains, work, interrupted)
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)  # it goes on after the first chain
     found = asked(flight)
     assert count == pressed, "nothing more is tried"
