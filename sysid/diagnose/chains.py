@@ -19,7 +19,7 @@ from sysid.diagnose.candidates import (
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.fitted_chains import DEAR, FittedChains, names_of
 from sysid.diagnose.left_by_one import harmless, points_left, share_left
-from sysid.diagnose.likely import ALIKE, SAME, do_else, misfit
+from sysid.diagnose.likely import ALIKE, SAME, do_else, doubtful, impossible, misfit
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Listener
 from sysid.diagnose.refits import NEAR, PRICES
@@ -113,7 +113,8 @@ class _Chains(FittedChains):
                     return False
                 continue
             if self.found and first is able[0] and _explained(self.best) < HOPEFUL:
-                self.exchange_doubtful()
+                if _explained(self.best) >= HOPELESS:
+                    self.exchange_doubtful()
                 if (explained := _explained(self.best)) < HOPEFUL:
                     self.given_up = MuchLeft(self.best.effects, explained)
                     return True
@@ -218,7 +219,7 @@ class _Chains(FittedChains):
         has some: what only resembles explains much beside everything, and nothing was begun with what is there. Whether
         one is better than the best then."""
         best = self.best
-        if not best.outside:
+        if not doubtful(best):
             return False
         near = [one for one in self.found.values() if one.chi_squared > best.chi_squared - SAME]
         for chain in sorted(near, key=rank):
@@ -311,7 +312,7 @@ def _unasked(name: str) -> Ranked:
 
 def _doubtful(chain: Ranked, half: str) -> bool:
     """Whether values of this half are outside what physics allows, or at a bound."""
-    return any(name in chain.outside for one in chain.own if (one.path or one.id) == half for name in one.names)
+    return any(name in doubtful(chain) for one in chain.own if (one.path or one.id) == half for name in one.names)
 
 
 def _different(able: Sequence[Ranked]) -> list[Ranked]:
@@ -320,7 +321,7 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
     for one in able[1:]:
         if len(chosen) == PARENTS_OF_PAIRS:
             break
-        if one.implausible or one.chi_squared < LEAST_OF_BEST * able[0].chi_squared:
+        if impossible(one) or one.chi_squared < LEAST_OF_BEST * able[0].chi_squared:
             continue
         if all(other.implausible or do_else(one, other) for other in chosen):
             chosen.append(one)
@@ -329,4 +330,5 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
 
 def _explained(chain: Ranked) -> float:
     """Share of all chi squared beyond noise."""
-    return chain.chi_squared / max(chain.chi_squared + misfit(chain), 1e-300)
+    explained = max(0.0, chain.chi_squared)
+    return explained / max(explained + misfit(chain), 1e-300)

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 from sysid.diagnose.candidates import REMAINDER, Ranked
 from sysid.diagnose.evidence import gain
-from sysid.diagnose.likely import CHANCE, SAME, misfit
+from sysid.diagnose.likely import CHANCE, SAME, doubtful, misfit
 from sysid.diagnose.shares import contradicted, least
-from sysid.model.effect import tied
 
 EVIDENCE = 6.0
 """By which an entry must lower BIC to be an answer: less is chance among so many entries."""
@@ -57,8 +56,7 @@ def _more(pair: Ranked, single: Ranked) -> float:
     has not is likelier by what it only resembles. In a loop powers tell nothing that is hardly likelier."""
     assert pair.fit is not None
     likelier = (pair.chi_squared - single.chi_squared) / max(pair.chi_squared + misfit(pair), 1e-300)
-    doubtful = set(pair.outside) - tied(pair.effects)  # whoever flies knows whether there is a tether
-    more = [likelier] if doubtful <= set(single.outside) else [0.0]
+    more = [likelier] if doubtful(pair) <= set(single.outside) else [0.0]
     if pair.fit.division.measured or likelier > HARDLY:
         more.append((pair.explained_share or 0.0) - (single.explained_share or 0.0))
     if pair.validation_share is not None and single.validation_share is not None:

@@ -28,6 +28,8 @@ ASKED = 20.0
 """of the catalogue's scores on one first effect;"""
 LOOKS = {"linear": 0.6, "samples": 2.0, "in time": 15.0}
 """of a look at each beginning before a refit, by what has to be simulated, beside PRICES of that."""
+OPPOSED = 2
+"""Of what the runs show the opposite, so many are fitted all the same."""
 DEAR = PRICES["in time"]
 """Price of a refit from which on it is for no crumbs."""
 
@@ -198,10 +200,12 @@ class FittedChains:
         return one.effect != other and names_of(one.effect, other) not in self.found
 
     def able_beside(self, begun: Candidate, seconds: Sequence[Ranked]) -> list[Ranked]:
-        """Of these what may be fitted to what is begun, or explains something alone, for that to be fitted to it; last
-        those of which the runs show the opposite there, or a size that they cannot have."""
+        """Of these what may be fitted to what is begun, or explains something alone, for that to be fitted to it. Those
+        of which the runs show the opposite there, or a size that they cannot have, last but for the first OPPOSED: what
+        is begun may be far from right."""
         able = [one for one in seconds if self.price_of(one, begun) > 0 or self.explains_alone(one.effect)]
-        return sorted(able, key=lambda one: self._opposed(one, begun))
+        last = [one for one in able if self._opposed(one, begun)][OPPOSED:]
+        return [*(one for one in able if one not in last), *last]
 
     def explains_alone(self, name: str) -> bool:
         return name in self.alone and self.alone[name].delta_bic < -SAME

@@ -77,7 +77,7 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     rivals = [
         one
         for one in candidates
-        if one.stepped is not None and one is not winner and _impossible(one) <= set(winner.implausible)
+        if one.stepped is not None and one is not winner and impossible(one) <= set(winner.implausible)
     ]
     weights = {one.effects: _beside(one, winner) for one in (winner, *rivals)}
     families = _families(winner, rivals, weights)
@@ -206,9 +206,14 @@ def _acts_on_samples(chain: Ranked, half: str) -> bool:
     return any(effect.samples is not None and half in (effect.id, effect.path) for effect in chain.own)
 
 
-def _impossible(one: Ranked) -> set[str]:
+def impossible(one: Ranked) -> set[str]:
     """Its parameters that physics does not allow; what is none in free flight alone, a tether or a stand may be."""
     return set(one.implausible) - tied(one.effects)
+
+
+def doubtful(one: Ranked) -> set[str]:
+    """Its doubtful values but those of a tether: whoever flies knows whether there is one."""
+    return set(one.outside) - tied(one.effects)
 
 
 def _families(winner: Ranked, rivals: Sequence[Ranked], weights: Mapping[tuple[str, ...], float]) -> list[list[Ranked]]:
