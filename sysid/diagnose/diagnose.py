@@ -44,6 +44,7 @@ from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.reach import in_reach
 from sysid.diagnose.refits import refit_serious
+from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
@@ -175,6 +176,8 @@ def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Sco
     scores = [one.score for one in candidates if one.score is not None]
     chance = chance_of_noise(parent.division, scores, stepped, parent.metric)
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
+    if chance >= SIGNIFICANT:
+        chance = min(chance, chance_of_rest(candidates, parent, effects))
     return _Scored(parent=parent, candidates=candidates, chance=chance, elsewhere=elsewhere, users=effects)
 
 

@@ -142,15 +142,12 @@ def minimise(
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
-        least, most = low - values, high - values
-        move = bounded_step(here, free, least, most)
+        move = bounded_step(here, free, low - values, high - values)
         promise = here.promise(move)
         if promise < tolerance:
             break
         weights = axis_weights(stacks, here.power) if spectral is None else spectral
-        # where it goes to a bound it is at it, not within by what rounding leaves
-        end = np.where(move <= least, low, np.where(move >= most, high, values + move))
-        ends = (values, end)
+        ends = (values, moved(values, move, low, high))
         reached = _lower(equations, ends, weights, here, tolerance / promise)
         if reached is None:
             break
@@ -187,6 +184,11 @@ def _lower(
                 return trial, there
         length = SHORT if there is None and length == 1 else length / 2
     return None
+
+
+def moved(values: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """The values moved, at a bound where they go to it: rounding would leave some inside, or none of a rate of 1e16."""
+    return np.where(move <= low - values, low, np.where(move >= high - values, high, np.clip(values + move, low, high)))
 
 
 def bounded_step(here: NormalEquations, free: NDArray[np.bool_], least: FloatArray, most: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from sysid.data.preprocess import ComplexArray, spectrum
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, free_of
-from sysid.fit.gauss_newton import NormalEquations, bounded_step
+from sysid.fit.gauss_newton import NormalEquations, bounded_step, moved
 from sysid.fit.growth import answered, growth, growth_slopes, misled
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.rows import orthonormal, rows, smooth
@@ -344,8 +344,7 @@ def lower(
     root, length = _root(here.new / here.samples), 1.0
     low, high = model.structure.bounds
     for _ in range(HALVINGS):
-        # what is very large loses its bound to rounding: a rate of 1e16 less 1e16 is none
-        tried = Model(model.structure, np.clip(model.values + length * move, low, high))
+        tried = Model(model.structure, moved(model.values, length * move, low, high))
         told = replace(noise, lags=noise.lags + length * lags, root=root)
         if told.stable:
             there = Equations.at(tried, told, stacks)

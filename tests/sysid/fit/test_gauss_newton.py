@@ -15,7 +15,7 @@ from sysid.data.dataset import dataset
 from sysid.fit import estimate as estimate_module
 from sysid.fit import gauss_newton
 from sysid.fit.estimate import estimate
-from sysid.fit.gauss_newton import NormalEquations, bounded_step
+from sysid.fit.gauss_newton import NormalEquations, bounded_step, moved
 from sysid.fit.identify import on_runs
 from sysid.fit.rows import smooth
 
@@ -98,3 +98,13 @@ def test_the_spread_under_coloured_residuals_is_worked_out_once(monkeypatch: pyt
     found = estimate(structure, on.viewed(structure.inputs), weights="constant")
     assert found.instrument == "excitation logged"
     assert len(asked) == len(flight)
+
+
+def test_what_goes_to_a_bound_is_at_it() -> None:
+    """Rounding left a time constant of an inflow 4e-19 s inside: it counted as free, and as no doubtful value."""
+    values = np.random.default_rng(1).uniform(0.001, 1.0, 200)
+    low, high = np.full(200, 0.0005), np.full(200, 2.0003)
+    assert np.any(values + (low - values) != low), "these round"
+    assert np.array_equal(moved(values, low - values, low, high), low)
+    assert np.array_equal(moved(values, high - values, low, high), high)
+    assert np.array_equal(moved(values, np.full(200, 1e-4), low, high), values + 1e-4)
