@@ -1,0 +1,143 @@
+"""Chains whose halves the runs show the opposite of, or that have doubtful values: what is tried in their place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from strangers.asking import records
+from strangers.flights import fly
+
+from sysid.data.band import USUAL, swept_band
+from sysid.diagnose import chains, choice, fitted_chains, refits
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.chains import _Chains
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.fitted_chains import DEAR, OPPOSED
+from sysid.diagnose.likely import doubtful
+from sysid.diagnose.refits import as_scored
+from sysid.diagnose.score import Score
+from sysid.fit.identify import on_runs
+from sysid.model.compose import compose
+from sysid.model.effect import catalogue
+from sysid.model.paper import TPP
+from sysid.model.structure import Model
+
+
+def scored(name: str, chi_squared: float, times: float = 1.0, **at: float) -> Ranked:
+    score = Score(effect=name, chi_squared=chi_squared, degrees=1, tried=1, at=at, errors={}, times=times)
+    return Ranked(effects=(name,), score=score, not_testable=None)
+
+
+def alone(name: str, chi_squared: float, outside: tuple[str, ...] = (), effects: tuple[str, ...] = ()) -> Ranked:
+    structure = compose(TPP.base_, [catalogue()[one] for one in effects or (name,)], TPP.inputs, {})
+    fit = SimpleNamespace(model=Model(structure, structure.vector(dict.fromkeys(structure.names, 1.0))))
+    return Ranked(
+        effects=effects or (name,),
+        score=None,
+        not_testable=None,
+        fit=cast("Any", fit),
+        chi_squared=chi_squared,
+        outside=outside,
+        implausible=outside,
+    )
+
+
+def search_of(*single: Ranked) -> _Chains:
+    reference = cast("Any", SimpleNamespace(users=(), parent=None))
+    return _Chains(single, reference, lambda _: None, None, answered=False)
+
+
+def test_what_the_runs_show_the_opposite_of_is_not_begun_there() -> None:
+    begun = cast("Any", SimpleNamespace(model=Model(TPP, TPP.vector(dict.fromkeys(TPP.names, 0.5)))))
+    late = compose(TPP.base_, [catalogue()["transport_delay"]], TPP.inputs, {})
+    assert as_scored(scored("transport_delay", 335.0, 0.4, T_d=0.02), late, begun) is not None
+    assert as_scored(scored("transport_delay", 335.0, -0.05, T_d=0.02), late, begun) is None
+    assert as_scored(scored("transport_delay", 335.0, 1.0, T_d=-0.02), late, begun) is None
+
+
+def test_of_what_is_opposed_a_few_keep_their_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a hub four of five kinds of lateness were tried, all below zero, and the inflow was not."""
+    late = ["servo_second_order", "gyro_filter", "lag_per_axis", "servo_lag", "transport_delay"]
+    monkeypatch.setattr(_Chains, "price_of", lambda *_: 2.0)
+    monkeypatch.setattr(_Chains, "_opposed", lambda _, one, __: one.effect in late)
+    seconds = [scored(name, 130.0) for name in (*late, "dynamic_inflow")]
+    able = search_of().able_beside(cast("Any", None), seconds)
+    assert [one.effect for one in able] == [*late[:OPPOSED], "dynamic_inflow", *late[OPPOSED:]]
+
+
+def test_what_cannot_begin_beside_another_nor_alone_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_Chains, "price_of", lambda _, one, __: 0.0 if "lag" in one.effect else 25.0)
+    monkeypatch.setattr(_Chains, "_opposed", lambda *_: False)
+    search = search_of(alone("servo_lag", 90.0), alone("gyro_lag", 5.0))
+    seconds = [scored(name, 300.0) for name in ("gyro_lag", "servo_lag", "lag_per_axis", "dynamic_inflow")]
+    able = [one.effect for one in search.able_beside(cast("Any", None), seconds)]
+    assert able == ["servo_lag", "dynamic_inflow"], "that lag explains something alone: the other may be fitted to it"
+
+
+@pytest.mark.parametrize(
+    ("outside", "tried"),
+    [((), []), (("M_w",), ["angular_damping", "lag_per_axis"]), (("M_w", "T_d"), []), (("L_phi",), [])],
+)
+def test_plausible_effects_take_the_place_of_a_doubtful_half(
+    outside: tuple[str, ...], tried: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wing at its bound beside a delay for a damping beside a lag, which no chain had begun with."""
+    wing, delay = alone("slipstream_wing", 2141.0), alone("transport_delay", 800.0)
+    others = [alone("angular_damping", 1712.0), alone("lag_per_axis", 1500.0), alone("servo_rate_limit", 1600.0)]
+    search, asked = search_of(wing, delay, *others, alone("gyro_lag", 790.0)), list[str]()
+    prices = {"servo_rate_limit": DEAR}
+
+    def fit(_: object, first: Ranked, second: Ranked, *, exchanged: bool) -> None:
+        assert exchanged
+        assert first.effect == "transport_delay"
+        asked.append(second.effect)
+        chain = alone("", 2488.0, (), (first.effect, second.effect))
+        search.found[fitted_chains.names_of(first.effect, second.effect)] = chain
+
+    monkeypatch.setattr(_Chains, "fit", fit)
+    monkeypatch.setattr(_Chains, "price_of", lambda _, one, __: prices.get(one.effect, 2.0))
+    monkeypatch.setattr(chains, "do_else", lambda one, other: "gyro_lag" not in (one.effect, other.effect))
+    monkeypatch.setattr(fitted_chains, "twins", lambda *_: False)
+    best = alone("", 2476.0, outside, ("slipstream_wing", "transport_delay"))
+    search.found["slipstream_wing", "transport_delay"] = best
+    assert search.exchange_doubtful() == bool(tried)
+    assert asked == tried
+
+
+def test_a_tether_is_no_doubtful_value() -> None:
+    tied = alone("", 890.0, ("L_phi", "M_theta"), ("servo_backlash", "attitude_stiffness"))
+    assert doubtful(tied) == set()
+    assert doubtful(replace(tied, outside=("L_phi", "half_width"))) == {"half_width"}
+
+
+def test_play_on_a_tether_is_told_before_what_alone_resembles_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "misfit", lambda *_: 10.0)
+    both = alone("", 890.0, ("L_phi", "M_theta"), ("servo_backlash", "attitude_stiffness"))
+    fit = SimpleNamespace(division=SimpleNamespace(measured=True))
+    both = replace(both, fit=cast("Any", fit), explained_share=1.0)
+    single = replace(alone("speed_stability", 800.0, ("Y_v",)), explained_share=1.0)
+    assert choice._more(both, single) == pytest.approx(0.1)
+    assert choice._more(replace(both, outside=("half_width",)), single) == 0.0
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("quadratic_damping", "dynamic_inflow")], indirect=True)
+def test_beside_what_is_not_linear_the_noise_leads_where_powers_lead_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training stranger: inflow beside a quadratic damping went to a second by power, and explained 109 of 289."""
+    flown = fly(4048795)
+    runs = records(flown)[: flown.plan.fitted]
+    swept = swept_band(runs) or USUAL
+    structure = on_runs("tpp", (), runs, runs)
+    answer = diagnose(structure, runs, band_hz=swept.hz)
+    assert answer.verdict == "missing"
+    assert set(answer.chain) == {"quadratic_damping", "dynamic_inflow"}
+    assert answer.winner is not None
+    assert answer.winner.values["tau_l"] == pytest.approx(0.0147, rel=0.5)
+    monkeypatch.setattr(refits, "by_the_noise", lambda *_: None)
+    astray = diagnose(structure, runs, band_hz=swept.hz)
+    assert astray.winner is not None
+    assert astray.winner.values.get("tau_l") != pytest.approx(0.0147, rel=0.5)

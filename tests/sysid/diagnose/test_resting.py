@@ -1,0 +1,88 @@
+"""Play and dead bands whose scores are faint: a refit tells, and only where it does is anything said to be missing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from strangers.asking import records
+from strangers.flights import fly
+
+from sysid.data.band import USUAL, swept_band
+from sysid.data.record import Record
+from sysid.diagnose import diagnose as asking
+from sysid.diagnose import resting
+from sysid.diagnose.candidates import SIGNIFICANT, Ranked
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.refits import WORTH_THE_TIME
+from sysid.diagnose.resting import chance_of_rest
+from sysid.diagnose.score import Score
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+
+SEED = 4034426
+"""A training one's: a dead band of 0.0089, 1.3 times what is just detectable, in chirps of 9 s."""
+RESTING = ("servo_deadband", "servo_backlash")
+
+
+@pytest.fixture(scope="module")
+def flight() -> list[Record]:
+    flown = fly(SEED)
+    return records(flown)[: flown.plan.fitted]
+
+
+def asked(runs: list[Record]) -> Diagnosis:
+    swept = swept_band(runs) or USUAL
+    return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
+def test_a_dead_band_of_a_faint_score_is_found_by_its_refit(
+    flight: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = asked(flight)
+    assert (found.verdict, found.effect) == ("missing", "servo_deadband")
+    assert found.candidates[0].values["width"] == pytest.approx(0.0089, rel=0.5)
+    monkeypatch.setattr(asking, "chance_of_rest", lambda *_: 0.0)
+    assert asked(flight).verdict == "complete"
+
+
+def scored(name: str, chi_squared: float) -> Ranked:
+    score = Score(effect=name, chi_squared=chi_squared, degrees=1, tried=5, at={}, errors={})
+    return Ranked(effects=(name,), score=score, not_testable=None)
+
+
+def parent(measured: bool = True, error_share: float = 0.01) -> Any:
+    return SimpleNamespace(division=SimpleNamespace(measured=measured), error_share=error_share, metric=None)
+
+
+def test_only_what_is_faint_and_rests_is_refitted_and_told_by_what_it_explains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[str] = []
+    explained, left = 40.0, 0.009
+
+    def refitted(one: Ranked, *_: object) -> Ranked:
+        tried.append(one.effect)
+        return replace(one, fit=cast("Any", SimpleNamespace(error_share=left, metric=None)))
+
+    monkeypatch.setattr(resting, "refitted", refitted)
+    monkeypatch.setattr(resting, "explained_by", lambda *_: explained)
+    faint, nothing = scored("servo_deadband", 12.0), scored("servo_backlash", 5.0)
+    lag = scored("servo_lag", 12.0)
+    assert faint.score is not None
+    assert faint.score.log_p_there < WORTH_THE_TIME
+    assert chance_of_rest([faint, nothing, lag], parent(), ()) < SIGNIFICANT
+    assert tried == ["servo_deadband"]
+    explained = 20.0  # one in 100,000, of fifty sizes
+    assert SIGNIFICANT < chance_of_rest([faint], parent(), ()) < math.log(0.01)
+    explained, left = 40.0, 0.00995
+    assert chance_of_rest([faint], parent(), ()) == 0.0, "it hardly follows the samples"
+    left = 0.009
+    assert chance_of_rest([faint], parent(measured=False), ()) == 0.0, "feedback makes powers"
+    explained = -3.0
+    assert chance_of_rest([faint], parent(), ()) == 0.0
