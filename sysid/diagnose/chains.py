@@ -216,10 +216,10 @@ class _Chains(FittedChains):
 
     def exchange_doubtful(self) -> bool:
         """Put plausible effects in the place of what has doubtful values in the likeliest chains, where the very best
-        has some: what only resembles explains much beside everything, and nothing was begun with what is there. Whether
-        one is better than the best then."""
+        is not plausible: what only resembles explains much beside everything, and nothing was begun with what is there.
+        Whether one is better than the best then."""
         best = self.best
-        if not doubtful(best):
+        if not impossible(best):
             return False
         near = [one for one in self.found.values() if one.chi_squared > best.chi_squared - SAME]
         for chain in sorted(near, key=rank):

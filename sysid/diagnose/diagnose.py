@@ -177,7 +177,7 @@ def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Sco
     chance = chance_of_noise(parent.division, scores, stepped, parent.metric)
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance >= SIGNIFICANT:
-        chance = min(chance, chance_of_rest(candidates, parent, effects))
+        chance = min(chance, chance_of_rest(candidates, parent, effects, say))
     return _Scored(parent=parent, candidates=candidates, chance=chance, elsewhere=elsewhere, users=effects)
 
 

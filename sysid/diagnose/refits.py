@@ -264,19 +264,12 @@ def _as_promised(
     again = refit_or_reason(composed, parent, one.effects, begin)[0] if short and composed.linear else None
     if again is not None and explained_by(again, parent, metric) > explained:
         fit, explained = again, explained_by(again, parent, metric)
-    if fit is None or not parent.division.measured:
-        return fit, False
-    if explained >= promised and not (_at_a_bound(fit, parent) or _has_far_to_go(fit, parent)):
+    if fit is None or not parent.division.measured or (explained >= promised and not _has_far_to_go(fit, parent)):
         return fit, False
     again = by_the_noise(fit, begin, metric)
     if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
         return fit, False
     return again, True
-
-
-def _at_a_bound(fit: Candidate, parent: Candidate) -> bool:
-    """Whether it ended where one of its own sizes may not be more, or less."""
-    return bool(set(fit.estimate.at_bound) - set(parent.free))
 
 
 def _has_far_to_go(fit: Candidate, parent: Candidate) -> bool:

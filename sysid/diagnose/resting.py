@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from sysid.diagnose.candidates import Ranked, explained_by, of_all_questions
 from sysid.diagnose.evidence import Candidate
+from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.refits import WORTH_THE_TIME, refitted
 from sysid.diagnose.score import log_chance
 from sysid.model.effect import Effect, named_effect
@@ -19,7 +20,7 @@ LEAST = 0.01
 strangers the likeliest refit explained 0.008, and chi squared of 18; there are some of 68 whose score is nothing.)"""
 
 
-def chance_of_rest(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect]) -> float:
+def chance_of_rest(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Listener) -> float:
     """Chance, a logarithm, that noise alone shows as much as the best refit of what a servo rests within; 0 where no
     score makes one worth its time, or feedback makes powers."""
     if not parent.division.measured:
@@ -31,7 +32,10 @@ def chance_of_rest(asked: Sequence[Ranked], parent: Candidate, users: Sequence[E
         and one.score.log_p_there <= WORTH_THE_TIME
         and named_effect(one.effect, users).rests_within is not None
     ]
-    found = min((_chance(one, parent, users) for one in faint), default=0.0)
+    found = 0.0
+    for number, one in enumerate(faint, 1):
+        say(Asking(stage=Stage.REFITS, effects=one.effects, number=number, of=len(faint)))
+        found = min(found, _chance(one, parent, users))
     return of_all_questions(found, parent.division)
 
 

@@ -125,6 +125,7 @@ def test_a_half_that_scored_too_little_to_be_fitted_alone_is_begun_with_too(monk
     monkeypatch.setattr(chains, "misfit", lambda _: 43.0)
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: None)
+    monkeypatch.setattr(chains._Chains, "exchange_doubtful", lambda _: False)
     monkeypatch.setattr(chains._Chains, "begin_with", begin)
     monkeypatch.setattr(chains._Chains, "fitted_alone", fitted_alone)
     monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})

@@ -17,6 +17,7 @@ from sysid.diagnose import diagnose as asking
 from sysid.diagnose import resting
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.progress import unheard
 from sysid.diagnose.refits import WORTH_THE_TIME
 from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.score import Score
@@ -76,13 +77,13 @@ def test_only_what_is_faint_and_rests_is_refitted_and_told_by_what_it_explains(
     lag = scored("servo_lag", 12.0)
     assert faint.score is not None
     assert faint.score.log_p_there < WORTH_THE_TIME
-    assert chance_of_rest([faint, nothing, lag], parent(), ()) < SIGNIFICANT
+    assert chance_of_rest([faint, nothing, lag], parent(), (), unheard) < SIGNIFICANT
     assert tried == ["servo_deadband"]
     explained = 20.0  # one in 100,000, of fifty sizes
-    assert SIGNIFICANT < chance_of_rest([faint], parent(), ()) < math.log(0.01)
+    assert SIGNIFICANT < chance_of_rest([faint], parent(), (), unheard) < math.log(0.01)
     explained, left = 40.0, 0.00995
-    assert chance_of_rest([faint], parent(), ()) == 0.0, "it hardly follows the samples"
+    assert chance_of_rest([faint], parent(), (), unheard) == 0.0, "it hardly follows the samples"
     left = 0.009
-    assert chance_of_rest([faint], parent(measured=False), ()) == 0.0, "feedback makes powers"
+    assert chance_of_rest([faint], parent(measured=False), (), unheard) == 0.0, "feedback makes powers"
     explained = -3.0
-    assert chance_of_rest([faint], parent(), ()) == 0.0
+    assert chance_of_rest([faint], parent(), (), unheard) == 0.0

@@ -14,7 +14,18 @@ from gcs.analysis.text.verdict import _by_the_noise as by_the_noise_words
 from sysid.data import preprocess
 from sysid.data.band import USUAL
 from sysid.data.dataset import prepared
-from sysid.diagnose import candidates, chains, choice, diagnose, reach, refits, score, shares, size_check, verdict
+from sysid.diagnose import (
+    candidates,
+    choice,
+    diagnose,
+    fitted_chains,
+    reach,
+    refits,
+    score,
+    shares,
+    size_check,
+    verdict,
+)
 from sysid.diagnose.shares import Shares
 from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import ByWhatIsNew, validation_of
@@ -458,7 +469,7 @@ def test_chains_that_are_the_same_by_their_halves_end_at_the_same(monkeypatch: p
         return max(explained) - min(explained)
 
     assert apart() < 5
-    monkeypatch.setattr(chains, "levelled", lambda *_: {})
+    monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})
     assert apart() > 100
 
 
