@@ -224,8 +224,9 @@ class _Chains(FittedChains):
         near = [one for one in self.found.values() if one.chi_squared > best.chi_squared - SAME]
         for chain in sorted(near, key=rank):
             for half, other in (chain.effects, chain.effects[::-1]):
-                if not _doubtful(chain, half) or _doubtful(chain, other):
+                if (half, other) in self.replaced or not _doubtful(chain, half) or _doubtful(chain, other):
                     continue
+                self.replaced.add((half, other))
                 if (beside := self.fitted_alone(_unasked(other))) is not None:
                     for one in self.plausible_beside(beside)[:SECONDS]:
                         self.fit(beside, one, exchanged=True)

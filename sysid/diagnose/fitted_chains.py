@@ -60,6 +60,8 @@ class FittedChains:
         self.seconds: dict[str, list[Ranked]] = {}
         """What was asked beside each first effect, the most promising first."""
         self.found: dict[tuple[str, ...], Ranked] = {}
+        self.replaced: set[tuple[str, str]] = set()
+        """Doubtful halves that plausible effects were tried in the place of, each with the half beside it."""
         self.interrupted = False
         self.not_asked: dict[str, None] = {}
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
@@ -204,8 +206,9 @@ class FittedChains:
         of which the runs show the opposite there, or a size that they cannot have, last but for the first OPPOSED: what
         is begun may be far from right."""
         able = [one for one in seconds if self.price_of(one, begun) > 0 or self.explains_alone(one.effect)]
-        last = [one for one in able if self._opposed(one, begun)][OPPOSED:]
-        return [*(one for one in able if one not in last), *last]
+        told = [self._opposed(one, begun) for one in able]
+        last = [place for place, opposed in enumerate(told) if opposed][OPPOSED:]
+        return [one for _, one in sorted(enumerate(able), key=lambda each: each[0] in last)]
 
     def explains_alone(self, name: str) -> bool:
         return name in self.alone and self.alone[name].delta_bic < -SAME

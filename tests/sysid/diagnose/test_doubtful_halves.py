@@ -105,6 +105,10 @@ def test_plausible_effects_take_the_place_of_a_doubtful_half(
     search.found["slipstream_wing", "transport_delay"] = best
     assert search.exchange_doubtful() == bool(tried)
     assert asked == tried
+    search.found = {("slipstream_wing", "transport_delay"): best}
+    assert not search.exchange_doubtful()
+    assert asked == tried, "once"
+    search.replaced = set()
     search.found = {("slipstream_wing", "transport_delay"): replace(best, implausible=())}
     assert not search.exchange_doubtful(), "a damping ratio at its bound is none"
 
