@@ -206,11 +206,11 @@ class FittedChains:
         of which the runs show the opposite there, or a size that they cannot have, last but for the first OPPOSED: what
         is begun may be far from right."""
         able = [one for one in seconds if self.price_of(one, begun) > 0 or self.explains_alone(one.effect)]
-        told = [self._opposed(one, begun) for one in able]
-        last = [place for place, opposed in enumerate(told) if opposed][OPPOSED:]
-        return [one for _, one in sorted(enumerate(able), key=lambda each: each[0] in last)]
+        last = [one.effect for one in able if self._opposed(one, begun)][OPPOSED:]
+        return sorted(able, key=lambda one: one.effect in last)
 
     def explains_alone(self, name: str) -> bool:
+        """Whether it does surely, and is plausible."""
         return name in self.alone and self.alone[name].delta_bic < -SAME
 
     def _opposed(self, one: Ranked, begun: Candidate) -> bool:

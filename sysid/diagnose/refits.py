@@ -208,15 +208,13 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
         return replace(one, fit=None, not_testable=str(error))
-    begin = None
-    if near is None and goes_by_its_score(one, composed, users):
-        near = begin = as_scored(one, composed, parent)
-        if near is None:
-            return replace(one, fit=None)
+    by_score = near is None and goes_by_its_score(one, composed, users)
+    begin = as_scored(one, composed, parent) if by_score or linear_dynamics(composed) else None
+    if by_score and begin is None:
+        return replace(one, fit=None)
+    near = begin if by_score else near
     fit, failure = refit_or_reason(composed, parent, one.effects, near)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
-    if linear_dynamics(composed):
-        begin = as_scored(one, composed, parent)
     astray = False
     if begin is not None and shows:
         fit, astray = _as_promised(fit, composed, parent, one, begin)

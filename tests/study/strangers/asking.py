@@ -93,6 +93,12 @@ def ask(stranger: Stranger) -> Answer:
     return Answer(found, second, None if early is None else type(early).__name__, taken)
 
 
+def ask_runs(runs: Sequence[Record], chains: bool = False) -> Diagnosis:
+    """What is said of runs of a helicopter, all of them fitted and none to judge, by the band that they sweep."""
+    swept = swept_band(runs) or USUAL
+    return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=chains)
+
+
 def asked_with(
     effects: Sequence[str],
     bare: Structure,

@@ -7,19 +7,16 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import records
+from strangers.asking import ask_runs, records
 from strangers.flights import fly
 
-from sysid.data.band import USUAL, swept_band
 from sysid.diagnose import chains, choice, fitted_chains, refits
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import _Chains
-from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.fitted_chains import DEAR, OPPOSED
 from sysid.diagnose.likely import doubtful
 from sysid.diagnose.refits import as_scored
 from sysid.diagnose.score import Score
-from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP
@@ -136,14 +133,12 @@ def test_beside_what_is_not_linear_the_noise_leads_where_powers_lead_away(monkey
     """A training stranger: inflow beside a quadratic damping went to a second by power, and explained 109 of 289."""
     flown = fly(4048795)
     runs = records(flown)[: flown.plan.fitted]
-    swept = swept_band(runs) or USUAL
-    structure = on_runs("tpp", (), runs, runs)
-    answer = diagnose(structure, runs, band_hz=swept.hz)
+    answer = ask_runs(runs, chains=True)
     assert answer.verdict == "missing"
     assert set(answer.chain) == {"quadratic_damping", "dynamic_inflow"}
     assert answer.winner is not None
     assert answer.winner.values["tau_l"] == pytest.approx(0.0147, rel=0.5)
     monkeypatch.setattr(refits, "by_the_noise", lambda *_: None)
-    astray = diagnose(structure, runs, band_hz=swept.hz)
+    astray = ask_runs(runs, chains=True)
     assert astray.winner is not None
     assert astray.winner.values.get("tau_l") != pytest.approx(0.0147, rel=0.5)

@@ -6,23 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from strangers.asking import records
+from strangers.asking import ask_runs, records
 from strangers.flights import Stranger, as_planned, fly, planned
 from strangers.hiding import Hidden
 
-from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
-from sysid.data.record import Record
 from sysid.diagnose import growing_modes, refits, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
-from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import _steps, candidate
 from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import Score
-from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.estimate import estimate
-from sysid.fit.identify import on_runs
 from sysid.model.base import bases
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
@@ -46,23 +41,18 @@ def flown() -> Stranger:
     return as_planned(planned(SEED), Hidden(("structural_mode",), (MODES,)))
 
 
-def asked(runs: list[Record]) -> Diagnosis:
-    swept = swept_band(runs) or USUAL
-    return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
-
-
 @pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode", "angular_damping")], indirect=True)
 def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = records(flown)[: flown.plan.fitted]
-    found = asked(runs)
+    found = ask_runs(runs)
     assert (found.verdict, found.effect) == ("missing", "structural_mode")
     assert found.winner is not None
     frequency_hz = flown.hidden.sizes[0]["frequency_roll"]
     assert found.winner.values["frequency_roll"] == pytest.approx(frequency_hz, rel=0.01)
     monkeypatch.setattr(refits, "as_scored", lambda *_: None)
-    assert asked(runs).verdict == "unexplained"
+    assert ask_runs(runs).verdict == "unexplained"
 
 
 @pytest.mark.usefixtures("only_effects")
@@ -71,7 +61,7 @@ def test_a_refit_that_leaves_more_than_the_parent_begins_again() -> None:
     """Of an inflow in a log of every fourth sample; a lag explains it as little as a step to below zero would."""
     strange = fly(5113)
     runs = records(strange)[: strange.plan.fitted]
-    found = asked(runs)
+    found = ask_runs(runs)
     assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
     assert found.winner is not None
     assert found.winner.fit is not None
@@ -98,17 +88,17 @@ def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatc
     gusts by a mode that grows, which has its cost."""
     strange = fly(3052)
     runs = records(strange)[: strange.plan.fitted]
-    assert asked(runs).verdict == "complete"
+    assert ask_runs(runs).verdict == "complete"
     untold = [replace(one, swept_band_hz=None) for one in runs]
-    found = asked(untold)
+    found = ask_runs(untold)
     assert (found.verdict, found.reason, found.chain) == ("unexplained", "feedback", ())
     monkeypatch.setattr(growing_modes, "cost", lambda *_: 0.0)
-    free = asked(untold)
+    free = ask_runs(untold)
     assert (free.verdict, free.reason, free.chain) == ("unexplained", "feedback", ("speed_stability",))
     assert free.winner is not None
     assert free.winner.outside
     monkeypatch.setattr(verdict, "A_LOOP_MAKES", 0.0)
-    assert asked(untold).verdict == "missing"
+    assert ask_runs(untold).verdict == "missing"
 
 
 @pytest.mark.thorough
@@ -118,12 +108,12 @@ def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest
     """Of an inflow in slow gusts, no excitation logged: least squares ends at a bound."""
     strange = fly(6013)
     runs = records(strange)[: strange.plan.fitted]
-    found = asked(runs)
+    found = ask_runs(runs)
     assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
     assert found.winner is not None
     assert not found.winner.outside
     monkeypatch.setattr(refits, "predicting", lambda fit, _: fit)
-    again = asked(runs)
+    again = ask_runs(runs)
     assert again.verdict == "unexplained"
     assert next(one for one in again.candidates if one.effect == "dynamic_inflow").implausible
 
@@ -133,7 +123,7 @@ def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest
 def test_what_powers_do_not_tell_in_a_loop_is_no_doubt() -> None:
     """Damping on top of what a strong loop makes of gusts: little of the power, and all that the commands foretell."""
     strange = fly(6049)
-    found = asked(records(strange)[: strange.plan.fitted])
+    found = ask_runs(records(strange)[: strange.plan.fitted])
     assert (found.verdict, found.effect) == ("missing", "angular_damping")
     assert found.explained_share is not None
     assert found.explained_share < 0.2

@@ -8,21 +8,17 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import records
+from strangers.asking import ask_runs, records
 from strangers.flights import fly
 
-from sysid.data.band import USUAL, swept_band
 from sysid.data.record import Record
 from sysid.diagnose import diagnose as asking
 from sysid.diagnose import resting
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
-from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.progress import unheard
 from sysid.diagnose.refits import WORTH_THE_TIME
 from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.score import Score
-from sysid.diagnose.verdict import Diagnosis
-from sysid.fit.identify import on_runs
 
 SEED = 4034426
 """A training one's: a dead band of 0.0089, 1.3 times what is just detectable, in chirps of 9 s."""
@@ -35,21 +31,16 @@ def flight() -> list[Record]:
     return records(flown)[: flown.plan.fitted]
 
 
-def asked(runs: list[Record]) -> Diagnosis:
-    swept = swept_band(runs) or USUAL
-    return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
-
-
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
 def test_a_dead_band_of_a_faint_score_is_found_by_its_refit(
     flight: list[Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = asked(flight)
+    found = ask_runs(flight)
     assert (found.verdict, found.effect) == ("missing", "servo_deadband")
     assert found.candidates[0].values["width"] == pytest.approx(0.0089, rel=0.5)
     monkeypatch.setattr(asking, "chance_of_rest", lambda *_: 0.0)
-    assert asked(flight).verdict == "complete"
+    assert ask_runs(flight).verdict == "complete"
 
 
 def scored(name: str, chi_squared: float) -> Ranked:
