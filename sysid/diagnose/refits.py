@@ -325,9 +325,10 @@ def begun_at(
 
 
 def goes_by_its_score(one: Ranked, composed: Structure, users: Sequence[Effect]) -> bool:
-    """Whether it is a linear entry beside what takes simulations in time, of a known score; what is not linear has
-    other sizes than one step promises."""
-    return one.score is not None and not linear_dynamics(composed) and named_effect(one.effect, users).linear
+    """Whether it is a linear entry, or one that acts on samples and was scored at every size, beside what takes
+    simulations in time; what else is not linear has other sizes than one step promises."""
+    effect = named_effect(one.effect, users)
+    return one.score is not None and not linear_dynamics(composed) and (effect.linear or effect.samples is not None)
 
 
 def as_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:

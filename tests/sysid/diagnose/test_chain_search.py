@@ -13,6 +13,7 @@ from sysid.diagnose import chains, fitted_chains, refits
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.score import Score
 from sysid.diagnose.unsearched import BudgetSpent, MuchLeft
+from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
@@ -401,3 +402,22 @@ def test_what_the_budget_does_not_reach_is_told_once() -> None:
     assert search.ask_beside(lag) is None
     assert search.ask_beside(lag) is None
     assert search.unsearched == BudgetSpent((), ("gyro_lag",), interrupted=False)
+
+
+@pytest.mark.parametrize(
+    ("beside", "more", "by_score"),
+    [
+        ("quadratic_damping", "servo_rate_limit", True),
+        ("quadratic_damping", "dynamic_inflow", True),
+        ("servo_rate_limit", "quadratic_damping", False),
+        ("servo_lag", "servo_rate_limit", False),
+    ],
+)
+def test_beside_what_is_simulated_in_time_a_limit_begins_where_its_score_was(
+    beside: str, more: str, by_score: bool
+) -> None:
+    """A look from every size there is cost more than any refit may, and a limit was never tried beside a damping."""
+    asked = scored(more, 500.0)
+    both = compose("tpp", [beside, more])
+    assert refits.goes_by_its_score(asked, both, ()) == by_score
+    assert not refits.goes_by_its_score(replace(asked, score=None), both, ())

@@ -1,0 +1,91 @@
+"""A second effect that is surely there by likelihood, in a loop whose excitation is not logged, where powers show
+crumbs at most."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from strangers.asking import ask_runs, records
+from strangers.flights import fly
+
+from sysid.diagnose import chains, choice
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.chains import SURELY_BESIDE, _Chains
+from sysid.diagnose.choice import SURELY_BOTH, both_surely
+from sysid.diagnose.score import Score
+
+
+def fit(measured: bool) -> Any:
+    return cast("Any", SimpleNamespace(division=SimpleNamespace(measured=measured), model=SimpleNamespace(structure=0)))
+
+
+def told(*effects: str, chi_squared: float, measured: bool = False) -> Ranked:
+    """Of no parameters that cost anything."""
+    return Ranked(effects=effects, score=None, not_testable=None, fit=fit(measured), chi_squared=chi_squared)
+
+
+def test_a_chain_is_surely_there_by_likelihood_in_a_loop_alone() -> None:
+    one = told("slipstream_wing", chi_squared=900.0)
+    both = told("slipstream_wing", "servo_lag", chi_squared=901.0 + SURELY_BOTH)
+    assert both_surely(both, one)
+    assert not both_surely(replace(both, chi_squared=899.0 + SURELY_BOTH), one)
+    assert not both_surely(replace(both, fit=fit(measured=True)), one), "powers tell there"
+    assert not both_surely(replace(both, outside=("tau_w",)), one), "what is doubtful only resembles"
+    much = 900.0 * SURELY_BOTH
+    assert not both_surely(replace(both, chi_squared=much + 2 * SURELY_BOTH), replace(one, chi_squared=much)), "hardly"
+
+
+@pytest.mark.parametrize(
+    ("scores", "measured", "linear", "fitted"),
+    [
+        ((SURELY_BESIDE + 1, SURELY_BESIDE - 1), False, True, ["servo_backlash"]),
+        ((SURELY_BESIDE - 1, 0.0), False, True, []),
+        ((SURELY_BESIDE + 1, 0.0), True, True, []),
+        ((SURELY_BESIDE + 1, 0.0), False, False, []),
+    ],
+)
+def test_it_is_looked_for_where_its_score_is_sure(
+    scores: tuple[float, ...], measured: bool, linear: bool, fitted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = told("slipstream_wing", chi_squared=900.0, measured=measured)
+    asked = [
+        Ranked(
+            effects=(name,),
+            score=Score(effect=name, chi_squared=chi_squared, degrees=1, tried=1, at={}, errors={}),
+            not_testable=None,
+        )
+        for name, chi_squared in zip(("servo_backlash", "servo_lag"), scores, strict=True)
+    ]
+    tried: list[str] = []
+
+    def fit_beside(search: _Chains, first: Ranked, second: Ranked) -> None:
+        tried.append(second.effect)
+        search.found[first.effect, second.effect] = told(
+            first.effect, second.effect, chi_squared=900.0 + 2 * SURELY_BOTH
+        )
+
+    monkeypatch.setattr(chains, "linear_dynamics", lambda _: linear)
+    monkeypatch.setattr(_Chains, "ask_beside", lambda *_: asked)
+    monkeypatch.setattr(_Chains, "able_beside", lambda _, __, seconds: list(seconds))
+    monkeypatch.setattr(_Chains, "fit", fit_beside)
+    monkeypatch.setattr(_Chains, "improve", lambda _: None)
+    search = _Chains([named], cast("Any", None), lambda _: None, None, answered=True)
+    assert search.surely_beside(named) == bool(fitted)
+    assert tried == fitted
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "lag_per_axis", "slipstream_wing")], indirect=True)
+def test_two_are_named_where_one_leaves_crumbs_by_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training stranger: a wing beside a lag, of which a lag of its own on each axis left nothing that power shows,
+    and 68 of 3,100 by likelihood."""
+    flown = fly(4046125)
+    runs = records(flown)[: flown.plan.fitted]
+    found = ask_runs(runs, chains=True)
+    assert (found.verdict, set(found.chain)) == ("missing", {"servo_lag", "slipstream_wing"})
+    monkeypatch.setattr(choice, "SURELY_BOTH", 1e6)
+    assert ask_runs(runs, chains=True).chain == ("lag_per_axis",)
