@@ -21,6 +21,7 @@ from sysid.diagnose.evidence import (
 from sysid.fit.innovations import Innovations
 from sysid.fit.output_error import output_error
 from sysid.fit.whitening import Whitening
+from sysid.model.acting import linear_dynamics
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model
 
@@ -46,7 +47,7 @@ def predicting(fit: Candidate, parent: Candidate, begin: Model | None = None) ->
     where it is to begin; the fit where these do not foretell it better. Feedback may take least squares into another
     valley, and far off."""
     structure, metric = fit.model.structure, parent.metric
-    if not (fit.dataset.in_a_loop and structure.linear and isinstance(metric, Innovations)):
+    if not (fit.dataset.in_a_loop and linear_dynamics(structure) and isinstance(metric, Innovations)):
         return fit
     usual = {one.name: one.typical for one in structure.parameters} | metric.model.by_name
     model = begin or Model(structure, structure.vector({name: usual[name] for name in structure.names}))

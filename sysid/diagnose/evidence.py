@@ -28,7 +28,7 @@ from sysid.fit.output_error import OutputError
 from sysid.fit.rows import project
 from sysid.fit.scaled import instrumental_inverse, scaled_solve
 from sysid.fit.whitening import Whitening, noise_whitening
-from sysid.model.acting import jumping
+from sysid.model.acting import jumping, linear_dynamics
 from sysid.model.compose import compose
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -117,15 +117,15 @@ class Candidate:
 
     def _moved_in(self, metric: Whitening) -> Candidate:
         here = self.asked
-        if not isinstance(metric, Innovations) or not self.model.structure.linear:
+        if not isinstance(metric, Innovations) or not linear_dynamics(self.model.structure):
             return here
         low, high = self.model.structure.bounds
-        loose = [self.model.structure.names.index(name) for name in here.free]
         # A step may not lead there. An unstable vehicle can foretell anything that its pilot and controller hold.
         known = metric.model.structure == self.model.structure and metric.model.stable
         if known and (told := here.at(metric.model.values)) is not None:
             here = min(here, told, key=lambda one: power_left(one, metric))
         for _ in range(MOST_MOVES):
+            loose = [self.model.structure.names.index(name) for name in here.free]  # elsewhere others may jump
             J, e = metric(here.J), metric(_residual(here))[0]
             least = float(e @ e) + growing_modes.cost(here.estimate, metric) - LITTLE_MOVED
             for step in _steps(J, e, growing_modes.cost_slopes(here.estimate, metric, here.free)):

@@ -222,6 +222,8 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = _likelier(predicting(fit, parent), fit, parent)
+    if begin is not None and not composed.linear:  # in a loop, what acts on samples: powers lead to another size
+        fit = _likelier(predicting(fit, parent, begin), fit, parent)
     fit = moved_on(fit, parent, astray)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
