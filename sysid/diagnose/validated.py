@@ -22,6 +22,7 @@ from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import WINDOW_HZ, Division, divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening
+from sysid.model.acting import linear_dynamics
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray
 
@@ -108,7 +109,7 @@ class ByWhatIsNew:
     before: FloatArray
     """White rows (N,) that the parent leaves, so moved;"""
     as_fitted: FloatArray
-    """and as least squares has it: what is not linear is not moved, and feedback biases the base of both alike."""
+    """and as least squares has it: what is simulated in time is not moved, and feedback biases either's base alike."""
 
     @classmethod
     def of(cls, best: Candidate, on: Dataset, reference: Reference) -> ByWhatIsNew:
@@ -120,7 +121,7 @@ class ByWhatIsNew:
 
     def share(self, one: Ranked) -> Told:
         assert one.fit is not None
-        before = self.before if one.fit.model.structure.linear else self.as_fitted
+        before = self.before if linear_dynamics(one.fit.model.structure) else self.as_fitted
         try:
             after = white_left(one.fit.asked_in(self.fitted).model, self.metric)
         except (RelaxationError, np.linalg.LinAlgError):
