@@ -74,9 +74,9 @@ def chains_of_two(
     """The best second effects on the best first ones, where those leave something that is not noise; best first.
 
     `budget`: base fits that this may cost, BUDGET where none is named; `limit`: changes of margins from which on what
-    is left matters. Where one effect is `named`, nothing is looked for where it explains nearly all or leaves crumbs;
-    else what is significant beside the best is tried, however little it is by power, and with the best the one that
-    explains most on the validation runs.
+    is left matters. Where one effect is `named`, nothing is looked for where it explains nearly all or leaves crumbs,
+    but for what is surely beside it in a loop; else what is significant beside the best is tried, however little it is
+    by power, and with the best the one that explains most on the validation runs.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
@@ -90,10 +90,10 @@ def chains_of_two(
             chains.fit(able[0], other)
         if chains.search(able):
             return chains.told()
-    little = little or ChainSearch()
-    if named is None or not chains.surely_beside(named):
-        return little
-    return replace(little, pairs=chains.told().pairs)
+        little = ChainSearch()  # the best one alone leaves noise
+    if named is not None and chains.surely_beside(named):
+        return chains.told()
+    return replace(little, unsearched=chains.unsearched) if chains.interrupted else little
 
 
 def _of_little(named: Ranked, reference: Reference, limit: Limit) -> ChainSearch | None:

@@ -16,6 +16,7 @@ from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import SURELY_BESIDE, _Chains
 from sysid.diagnose.choice import SURELY_BOTH, both_surely
 from sysid.diagnose.score import Score
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
 
 
 def fit(measured: bool) -> Any:
@@ -75,6 +76,31 @@ def test_it_is_looked_for_where_its_score_is_sure(
     search = _Chains([named], cast("Any", None), lambda _: None, None, answered=True)
     assert search.surely_beside(named) == bool(fitted)
     assert tried == fitted
+
+
+@pytest.mark.parametrize(("interrupted", "surely"), [(False, True), (False, False), (True, False)])
+def test_of_what_is_not_surely_there_nothing_is_told_but_that_it_was_interrupted(
+    interrupted: bool, surely: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = told("slipstream_wing", chi_squared=900.0)
+    both = told("slipstream_wing", "servo_lag", chi_squared=950.0)
+
+    def surely_beside(search: _Chains, _: Ranked) -> bool:
+        search.found["servo_lag", "slipstream_wing"] = both
+        if interrupted:
+            search.interrupt()
+        return surely
+
+    crumbs = chains.ChainSearch(unsearched=LittleLeft(0.05))
+    monkeypatch.setattr(chains, "_of_little", lambda *_: crumbs)
+    monkeypatch.setattr(_Chains, "surely_beside", surely_beside)
+    found = chains.chains_of_two([named], cast("Any", None), lambda _: None, named=named)
+    assert found.pairs == ((both,) if surely else ())
+    if interrupted:
+        assert isinstance(found.unsearched, BudgetSpent)
+        assert found.unsearched.interrupted
+    else:
+        assert found.unsearched == (None if surely else crumbs.unsearched)
 
 
 @pytest.mark.thorough
