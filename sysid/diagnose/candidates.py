@@ -107,6 +107,10 @@ class Ranked:
         composed = () if self.fit is None else self.fit.model.structure.composed
         return tuple(one for one in composed if (one.path or one.id) in self.effects)
 
+    def own_of(self, half: str) -> tuple[Effect, ...]:
+        """The same of one of its effects."""
+        return tuple(one for one in self.own if half == (one.path or one.id))
+
     @property
     def standard_errors(self) -> dict[str, float]:
         """Of `values`, where the refit gives any."""

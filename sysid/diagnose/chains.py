@@ -352,7 +352,7 @@ def _unasked(name: str) -> Ranked:
 
 def _doubtful(chain: Ranked, half: str) -> bool:
     """Whether values of this half are outside what physics allows, or at a bound."""
-    own = {name for one in chain.own if (one.path or one.id) == half for name in one.names}
+    own = {name for one in chain.own_of(half) for name in one.names}
     return not own.isdisjoint(doubtful(chain))
 
 

@@ -203,7 +203,7 @@ def _on_samples(one: Ranked) -> bool:
 
 
 def _acts_on_samples(chain: Ranked, half: str) -> bool:
-    return any(effect.samples is not None and half in (effect.id, effect.path) for effect in chain.own)
+    return any(effect.samples is not None for effect in chain.own_of(half))
 
 
 def impossible(one: Ranked) -> set[str]:
