@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from sysid.diagnose.candidates import REMAINDER, Ranked
 from sysid.diagnose.evidence import gain
-from sysid.diagnose.likely import CHANCE, SAME, doubtful, misfit
+from sysid.diagnose.likely import CHANCE, SAME, doubtful, impossible, misfit
 from sysid.diagnose.shares import contradicted, least
 
 EVIDENCE = 6.0
@@ -50,7 +50,7 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
     named = _likeliest_in_practice(pair, pairs, singles)
-    instead = single.implausible and not named.implausible  # what only stands in is no simpler answer
+    instead = bool(impossible(single)) and not named.implausible  # what only stands in is no simpler answer
     if instead or both_surely(named, single) or max(_more(pair, single), _more(named, single)) > REMAINDER:
         return named
     return single

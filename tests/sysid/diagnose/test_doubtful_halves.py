@@ -142,3 +142,17 @@ def test_beside_what_is_not_linear_the_noise_leads_where_powers_lead_away(monkey
     astray = ask_runs(runs, chains=True)
     assert astray.winner is not None
     assert astray.winner.values.get("tau_l") != pytest.approx(0.0147, rel=0.5)
+
+
+def test_a_tether_is_no_doubtful_single_that_any_plausible_chain_takes_the_place_of(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A tethered stranger was named a stabiliser bar beside a sideslip, which explained no more."""
+    monkeypatch.setattr(choice, "_likeliest_in_practice", lambda one, *_: one)
+    monkeypatch.setattr(choice, "_more", lambda *_: 0.0)
+    fit = cast("Any", SimpleNamespace(division=SimpleNamespace(measured=True)))
+    both = replace(alone("", 7422.0, (), ("stabiliser_bar", "sideslip")), fit=fit)
+    tether = replace(alone("attitude_stiffness", 7421.0, ("L_phi",)), fit=fit)
+    wing = replace(alone("slipstream_wing", 7421.0, ("tau_w",)), fit=fit)
+    assert choice.winner([tether], [both]) is tether
+    assert choice.winner([wing], [both]) is both
