@@ -27,11 +27,18 @@ though both are there: such a pair is not named either."""
 
 
 def cancel_each_other(chain: Ranked, parent: Candidate, whitening: Whitening) -> bool:
-    """Whether the two effects of a chain do; what acts on samples of the commands takes the place of no linear part."""
-    if any(effect.samples is not None for effect in chain.own):
+    """Whether the two effects of a chain do; what servos and gyros make of signals takes the place of nothing that
+    flies. (Of two strangers that hid a lag or a filter beside an inflow, either was told alone.)"""
+    if any(_on_the_way(effect) for effect in chain.own):
         return False
     cosine = along_each_other(chain, parent, whitening)
     return cosine is not None and cosine < CANCEL
+
+
+def _on_the_way(effect: Effect) -> bool:
+    """Whether it holds up commands or measurements, or acts on their samples."""
+    holds = bool(effect.states) or effect.response is not None or effect.samples is not None
+    return effect.group in ("actuators", "sensors") and holds
 
 
 def along_each_other(chain: Ranked, parent: Candidate, whitening: Whitening) -> float | None:

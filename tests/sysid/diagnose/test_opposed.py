@@ -59,12 +59,24 @@ def test_effects_of_different_parts_do_not(parent: Candidate, other: str) -> Non
     assert not cancel_each_other(pair, parent, parent.metric)
 
 
-def test_what_acts_on_samples_stands_in_for_no_linear_part(parent: Candidate, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Play takes from small commands what an inflow gives: a cosine of -0.7, and both were there."""
+@pytest.mark.parametrize(
+    ("other", "cancel"),
+    [
+        ("servo_backlash", False),
+        ("servo_lag", False),
+        ("transport_delay", False),
+        ("gyro_lag", False),
+        ("gyro_misalignment", True),
+        ("hub_gyroscopics", True),
+    ],
+)
+def test_what_servos_and_gyros_make_of_signals_stands_in_for_nothing_that_flies(
+    other: str, cancel: bool, parent: Candidate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Play and lags take from commands what an inflow gives: a cosine of -0.7, and both were there."""
     monkeypatch.setattr(opposed, "along_each_other", lambda *_: -0.9)
-    for other, cancel in (("servo_lag", True), ("servo_backlash", False)):
-        pair = chain(parent, ("angular_damping", other), {**PLANTED["angular_damping"], **PLANTED[other]})
-        assert cancel_each_other(pair, parent, parent.metric) == cancel
+    pair = chain(parent, ("angular_damping", other), {**PLANTED["angular_damping"], **PLANTED[other]})
+    assert cancel_each_other(pair, parent, parent.metric) == cancel
 
 
 def test_one_effect_has_nothing_to_cancel(parent: Candidate) -> None:
