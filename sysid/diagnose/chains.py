@@ -47,6 +47,8 @@ SURELY_BESIDE = 30.0
 """Chi squared that an effect scores beside one that leaves crumbs by power, no excitation logged, to be looked for
 there: of 57 right single names of strangers that a judgement had spent two had one; of six names of one half of two,
 five."""
+LEFT_BESIDE = 5.0
+"""Chi squared beyond noise that such a name leaves, for that to be asked: of those 37 left less, of the six none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +149,8 @@ class _Chains(FittedChains):
         """Whether a second effect is surely beside one that leaves crumbs, where that need not show by power: in a loop
         whose excitation is not logged. Looked for now."""
         assert named.fit is not None
-        if named.fit.division.measured or not linear_dynamics(named.fit.model.structure):
+        left = named.fit.division
+        if left.measured or not linear_dynamics(named.fit.model.structure) or misfit(named) < LEFT_BESIDE:
             return False
         asked = self.seconds.get(named.effect) or self.ask_beside(named) or ()
         for second in self.without_twins(self.able_beside(named.fit, asked))[:SECONDS]:

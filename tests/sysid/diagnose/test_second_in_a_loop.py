@@ -13,7 +13,7 @@ from strangers.flights import fly
 
 from sysid.diagnose import chains, choice
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.chains import SURELY_BESIDE, _Chains
+from sysid.diagnose.chains import LEFT_BESIDE, SURELY_BESIDE, _Chains
 from sysid.diagnose.choice import SURELY_BOTH, both_surely
 from sysid.diagnose.score import Score
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
@@ -40,16 +40,22 @@ def test_a_chain_is_surely_there_by_likelihood_in_a_loop_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scores", "measured", "linear", "fitted"),
+    ("scores", "measured", "linear", "left", "fitted"),
     [
-        ((SURELY_BESIDE + 1, SURELY_BESIDE - 1), False, True, ["servo_backlash"]),
-        ((SURELY_BESIDE - 1, 0.0), False, True, []),
-        ((SURELY_BESIDE + 1, 0.0), True, True, []),
-        ((SURELY_BESIDE + 1, 0.0), False, False, []),
+        ((SURELY_BESIDE + 1, SURELY_BESIDE - 1), False, True, LEFT_BESIDE, ["servo_backlash"]),
+        ((SURELY_BESIDE - 1, 0.0), False, True, LEFT_BESIDE, []),
+        ((SURELY_BESIDE + 1, 0.0), True, True, LEFT_BESIDE, []),
+        ((SURELY_BESIDE + 1, 0.0), False, False, LEFT_BESIDE, []),
+        ((SURELY_BESIDE + 1, 0.0), False, True, LEFT_BESIDE - 1, []),
     ],
 )
 def test_it_is_looked_for_where_its_score_is_sure(
-    scores: tuple[float, ...], measured: bool, linear: bool, fitted: list[str], monkeypatch: pytest.MonkeyPatch
+    scores: tuple[float, ...],
+    measured: bool,
+    linear: bool,
+    left: float,
+    fitted: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     named = told("slipstream_wing", chi_squared=900.0, measured=measured)
     asked = [
@@ -69,6 +75,7 @@ def test_it_is_looked_for_where_its_score_is_sure(
         )
 
     monkeypatch.setattr(chains, "linear_dynamics", lambda _: linear)
+    monkeypatch.setattr(chains, "misfit", lambda _: left)
     monkeypatch.setattr(_Chains, "ask_beside", lambda *_: asked)
     monkeypatch.setattr(_Chains, "able_beside", lambda _, __, seconds: list(seconds))
     monkeypatch.setattr(_Chains, "fit", fit_beside)
