@@ -430,7 +430,7 @@ def test_a_chain_that_surely_leaves_much_names_nothing(left: float, of: float, m
 
 
 def test_powers_tell_play_from_a_dead_band() -> None:
-    acting = SimpleNamespace(samples=lambda *_: None, path=None, id="")
+    acting = SimpleNamespace(samples=lambda *_: None, path=None, id="", rests_within=None)
 
     def on(name: str, shares: tuple[float, float], behind: float = 0.0, measured: bool = True) -> Ranked:
         effect = SimpleNamespace(**{**vars(acting), "id": name})

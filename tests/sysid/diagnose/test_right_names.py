@@ -331,6 +331,8 @@ def test_play_is_named_before_a_dead_band_that_validation_runs_contradict(monkey
     monkeypatch.setattr(choice, "contradicted", lambda _: False)
     assert asked(PLAY_IN_GUSTS).effect == "servo_backlash", "it shows plainly more there, too"
     monkeypatch.setattr(choice, "PLAINLY_MORE", math.inf)
+    assert asked(PLAY_IN_GUSTS).effect == "servo_backlash", "and foretells more"
+    monkeypatch.setattr(choice, "FORETELLS", math.inf)
     likeliest = asked(PLAY_IN_GUSTS)
     assert (likeliest.verdict, likeliest.chain) == ("unexplained", ("servo_deadband",))
 
@@ -346,6 +348,8 @@ def test_doublets_of_a_thinned_log_do_not_contradict_play(monkeypatch: pytest.Mo
     assert found.winner.validation_share > 0.5
     with monkeypatch.context() as patched:
         patched.setattr(choice, "PLAINLY_MORE", math.inf)
+        assert asked(PLAY_BETWEEN_SAMPLES).effect == "servo_backlash", "it foretells more, too"
+        patched.setattr(choice, "FORETELLS", math.inf)
         assert asked(PLAY_BETWEEN_SAMPLES).effect == "servo_deadband", "likelier by a hair on the fitted runs"
     monkeypatch.setattr(preprocess, "STEP", math.inf)  # a spline through every step
     assert asked(PLAY_BETWEEN_SAMPLES).verdict == "unexplained"
