@@ -22,7 +22,7 @@ def foretells_better_by(one: Candidate, other: Candidate) -> float:
     both, and 0 where that is not known."""
     try:
         return min(_less(one, other, by) for by in (one, other))
-    except (RelaxationError, np.linalg.LinAlgError, FloatingPointError):
+    except (RelaxationError, np.linalg.LinAlgError):
         return 0.0
 
 

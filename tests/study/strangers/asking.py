@@ -93,6 +93,11 @@ def ask(stranger: Stranger) -> Answer:
     return Answer(found, second, None if early is None else type(early).__name__, taken)
 
 
+def fitted_runs(stranger: Stranger) -> list[Record]:
+    """Those of its runs that are fitted, as records."""
+    return records(stranger)[: stranger.plan.fitted]
+
+
 def ask_runs(runs: Sequence[Record], chains: bool = False) -> Diagnosis:
     """What is said of runs of a helicopter, all of them fitted and none to judge, by the band that they sweep."""
     swept = swept_band(runs) or USUAL

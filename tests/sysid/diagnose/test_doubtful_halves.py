@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import ask_runs, records
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
 from sysid.diagnose import chains, choice, fitted_chains, refits
@@ -132,7 +132,7 @@ def test_play_on_a_tether_is_told_before_what_alone_resembles_both(monkeypatch: 
 def test_beside_what_is_not_linear_the_noise_leads_where_powers_lead_away(monkeypatch: pytest.MonkeyPatch) -> None:
     """A training stranger: inflow beside a quadratic damping went to a second by power, and explained 109 of 289."""
     flown = fly(4048795)
-    runs = records(flown)[: flown.plan.fitted]
+    runs = fitted_runs(flown)
     answer = ask_runs(runs, chains=True)
     assert answer.verdict == "missing"
     assert set(answer.chain) == {"quadratic_damping", "dynamic_inflow"}

@@ -4,7 +4,7 @@ foretells best the one that is there."""
 from __future__ import annotations
 
 import pytest
-from strangers.asking import ask_runs, records
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
 from sysid.diagnose import evidence, refits
@@ -26,7 +26,7 @@ def size_told(found: Diagnosis, effect: str) -> tuple[float, float]:
 def asked(seed: int, chains: bool = False) -> Diagnosis:
     flown = fly(seed)
     assert not flown.plan.excitation_logged
-    return ask_runs(records(flown)[: flown.plan.fitted], chains=chains)
+    return ask_runs(fitted_runs(flown), chains=chains)
 
 
 @pytest.mark.usefixtures("only_effects")

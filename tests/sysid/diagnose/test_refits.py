@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from strangers.asking import ask_runs, records
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import Stranger, as_planned, fly, planned
 from strangers.hiding import Hidden
 
@@ -45,7 +45,7 @@ def flown() -> Stranger:
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("structural_mode", "angular_damping")], indirect=True)
 def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = records(flown)[: flown.plan.fitted]
+    runs = fitted_runs(flown)
     found = ask_runs(runs)
     assert (found.verdict, found.effect) == ("missing", "structural_mode")
     assert found.winner is not None
@@ -60,7 +60,7 @@ def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, mon
 def test_a_refit_that_leaves_more_than_the_parent_begins_again() -> None:
     """Of an inflow in a log of every fourth sample; a lag explains it as little as a step to below zero would."""
     strange = fly(5113)
-    runs = records(strange)[: strange.plan.fitted]
+    runs = fitted_runs(strange)
     found = ask_runs(runs)
     assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
     assert found.winner is not None
@@ -87,7 +87,7 @@ def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatc
     """A clean flight without a logged excitation: where nobody tells what was swept, a slow effect would explain its
     gusts by a mode that grows, which has its cost."""
     strange = fly(3052)
-    runs = records(strange)[: strange.plan.fitted]
+    runs = fitted_runs(strange)
     assert ask_runs(runs).verdict == "complete"
     untold = [replace(one, swept_band_hz=None) for one in runs]
     found = ask_runs(untold)
@@ -107,7 +107,7 @@ def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatc
 def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an inflow in slow gusts, no excitation logged: least squares ends at a bound."""
     strange = fly(6013)
-    runs = records(strange)[: strange.plan.fitted]
+    runs = fitted_runs(strange)
     found = ask_runs(runs)
     assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
     assert found.winner is not None
@@ -123,7 +123,7 @@ def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest
 def test_what_powers_do_not_tell_in_a_loop_is_no_doubt() -> None:
     """Damping on top of what a strong loop makes of gusts: little of the power, and all that the commands foretell."""
     strange = fly(6049)
-    found = ask_runs(records(strange)[: strange.plan.fitted])
+    found = ask_runs(fitted_runs(strange))
     assert (found.verdict, found.effect) == ("missing", "angular_damping")
     assert found.explained_share is not None
     assert found.explained_share < 0.2
@@ -131,7 +131,7 @@ def test_what_powers_do_not_tell_in_a_loop_is_no_doubt() -> None:
 
 def test_values_that_each_may_be_plausible_may_not_be_so_together() -> None:
     strange = fly(6049)
-    runs = records(strange)[: strange.plan.fitted]
+    runs = fitted_runs(strange)
     on = dataset(runs, (0.25, 6.0))
     structure = compose(bases()["tpp"], [catalogue()["angular_damping"]], on.available)
     fit = candidate(estimate(structure, on.viewed(structure.inputs), None, {}, "constant"), (), on)

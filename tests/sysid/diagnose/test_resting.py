@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import ask_runs, records
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
 from sysid.data.record import Record
@@ -27,8 +27,7 @@ RESTING = ("servo_deadband", "servo_backlash")
 
 @pytest.fixture(scope="module")
 def flight() -> list[Record]:
-    flown = fly(SEED)
-    return records(flown)[: flown.plan.fitted]
+    return fitted_runs(fly(SEED))
 
 
 @pytest.mark.usefixtures("only_effects")

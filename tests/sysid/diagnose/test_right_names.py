@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from strangers.asking import ask, records
+from strangers.asking import ask, fitted_runs
 from strangers.flights import fly
 
 from gcs.analysis.text.verdict import _by_the_noise as by_the_noise_words
@@ -102,7 +102,7 @@ def beyond_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_gusts_do_not_hide_that_a_log_thinned_the_commands() -> None:
     flown = fly(PITCHED_BY_COLLECTIVE)
-    on = prepared(records(flown)[: flown.plan.fitted], (0.0, 15.0))
+    on = prepared(fitted_runs(flown), (0.0, 15.0))
     bare = estimate(TPP, on.viewed(TPP.inputs), weights="constant").model
     hold = found_hold(bare, on, {}, lambda runs, near: estimate(TPP, runs.viewed(TPP.inputs), near).model)
     assert hold is not None

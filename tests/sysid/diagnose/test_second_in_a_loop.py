@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import ask_runs, records
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
 from sysid.diagnose import chains, choice
@@ -117,7 +117,7 @@ def test_two_are_named_where_one_leaves_crumbs_by_power(monkeypatch: pytest.Monk
     """A training stranger: a wing beside a lag, of which a lag of its own on each axis left nothing that power shows,
     and 68 of 3,100 by likelihood."""
     flown = fly(4046125)
-    runs = records(flown)[: flown.plan.fitted]
+    runs = fitted_runs(flown)
     found = ask_runs(runs, chains=True)
     assert (found.verdict, set(found.chain)) == ("missing", {"servo_lag", "slipstream_wing"})
     monkeypatch.setattr(choice, "SURELY_BOTH", 1e6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from strangers.asking import records
+from strangers.asking import fitted_runs
 from strangers.flights import fly
 
 from sysid.data.band import USUAL, swept_band
@@ -28,8 +28,7 @@ CLEAN_IN_BURSTS, CLEAN_UNLOGGED, CLEAN_SLOW = 3004, 6128, 8279
 
 
 def flown(seed: int) -> list[Record]:
-    flight = fly(seed)
-    return records(flight)[: flight.plan.fitted]
+    return fitted_runs(fly(seed))
 
 
 def mode_of(runs: list[Record], band_hz: tuple[float, float] | None = None) -> SlowMode | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from strangers.asking import records
+from strangers.asking import fitted_runs
 from strangers.flights import fly
 
 from sysid.data.dataset import dataset
@@ -27,7 +27,7 @@ WITH_PLAY = 3345
 
 def scored(seed: int) -> Score:
     flown = fly(seed)
-    on = dataset(records(flown)[: flown.plan.fitted], DEFAULT_BAND_HZ)
+    on = dataset(fitted_runs(flown), DEFAULT_BAND_HZ)
     assert on.stacks[0].thinned_log
     parent = candidate(estimate(TPP, on.viewed(TPP.inputs)), (), on)
     stepped = instrumental_step(parent, parent.metric)
@@ -42,7 +42,7 @@ def scored(seed: int) -> Score:
 @pytest.mark.parametrize("seed", [CLEAN, CLEAN_AT_100_HZ])
 def test_commands_between_samples_are_no_play(seed: int) -> None:
     flown = fly(seed)
-    runs = records(flown)[: flown.plan.fitted]
+    runs = fitted_runs(flown)
     found = diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=DEFAULT_BAND_HZ, chains=False)
     assert found.verdict == "complete"
     scores = [one.score for one in found.candidates if one.score is not None]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from strangers.asking import ask, records
+from strangers.asking import ask, fitted_runs
 from strangers.flights import Stranger, fly
 
 from sysid.data.band import USUAL, swept_band
@@ -82,7 +82,7 @@ def test_a_limit_far_below_the_gusts_is_fitted_by_the_noise() -> None:
 
 
 def parent_of(flown: Stranger) -> Candidate:
-    runs = records(flown)[: flown.plan.fitted]
+    runs = fitted_runs(flown)
     on = dataset(runs, (swept_band(runs) or USUAL).hz)
     return candidate(estimate(TPP, on.viewed(TPP.inputs), weights="constant"), (), on)
 

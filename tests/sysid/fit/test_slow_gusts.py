@@ -4,7 +4,7 @@ more than the noise."""
 from __future__ import annotations
 
 import pytest
-from strangers.asking import records
+from strangers.asking import fitted_runs
 from strangers.flights import Stranger, fly
 
 from sysid.data.record import Record
@@ -27,7 +27,7 @@ def flown() -> Stranger:
 
 @pytest.fixture(scope="module")
 def runs(flown: Stranger) -> list[Record]:
-    return records(flown)[: flown.plan.fitted]
+    return fitted_runs(flown)
 
 
 def test_the_excitation_decides_where_least_squares_leaves_less(
@@ -67,7 +67,7 @@ def test_what_is_missing_is_told_by_the_noise(runs: list[Record]) -> None:
 @pytest.mark.parametrize("only_effects", [("servo_lag",)], indirect=True)
 def test_where_noise_is_weak_numbers_by_strong_noise_are_no_error_of_the_structure() -> None:
     flown = fly(CLEAN_SEED)
-    runs = records(flown)[: flown.plan.fitted]
+    runs = fitted_runs(flown)
     found = diagnose(on_runs("tpp", (), runs, runs), runs, chains=False)
     assert found.verdict == "complete"
     parent = found.parent

@@ -6,7 +6,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from strangers.asking import records
+from strangers.asking import fitted_runs
 from strangers.flights import fly
 
 from sysid.data.dataset import Dataset
@@ -22,7 +22,7 @@ SEED = 4020851
 def flown() -> tuple[list[Record], dict[str, float]]:
     """The runs to be fitted, and the truth."""
     flight = fly(SEED)
-    runs = records(flight)[: flight.plan.fitted]
+    runs = fitted_runs(flight)
     return runs, {**flight.plan.vehicle.table, **flight.hidden.sizes[0]}
 
 
