@@ -216,6 +216,16 @@ class Dataset:
         rng = np.random.default_rng(0)
         return tuple(_rephased(*pair, rng) for pair in zip(self.stacks, self.imposed, strict=True))
 
+    @cached_property
+    def unexcited(self) -> Dataset:
+        """The same runs as if no excitation had been logged: what they are asked so is what all commands foretell."""
+        records = tuple(
+            replace(one, channels={name: each for name, each in one.channels.items() if name not in EXCITATIONS})
+            for one in self.records
+        )
+        like = None if self.like is None else self.like.unexcited
+        return replace(self, records=records, like=like, _pieces={}, _viewed={}, _some={}, _held={})
+
     @property
     def samples(self) -> int:
         return sum(group.samples for group in self.stacks)

@@ -77,6 +77,8 @@ class Ranked:
     resolved: tuple[str, ...] = ()
     """Parameters of the parent that were implausible and are not any more."""
     rows: int = 1
+    foretells: float = 0.0
+    """Chi squared by which a chain foretells more than one of its effects that was named, where that was asked."""
 
     @property
     def effect(self) -> str:
@@ -189,11 +191,16 @@ def entries(structure: Structure, on: Dataset, users: Sequence[Effect]) -> list[
 
 
 def score_effects(
-    parent: Candidate, stepped: Stepped, whitening: Whitening, users: Sequence[Effect], say: Listener
+    parent: Candidate,
+    stepped: Stepped,
+    whitening: Whitening,
+    users: Sequence[Effect],
+    say: Listener,
+    which: Callable[[Effect], bool] = lambda _: True,
 ) -> list[Ranked]:
-    """Every entry that the parent does not have, with its score or why there is none."""
+    """Every entry, or those of some kind, that the parent does not have, with its score or why there is none."""
     structure, on = parent.model.structure, parent.dataset
-    asked = entries(structure, on, users)
+    asked = [one for one in entries(structure, on, users) if which(one)]
     found = []
     for number, effect in enumerate(asked, 2):  # the first question is what of the structure's own error is noise
         name = effect.path or effect.id

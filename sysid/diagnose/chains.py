@@ -18,10 +18,11 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.choice import both_surely
 from sysid.diagnose.evidence import Candidate
-from sysid.diagnose.fitted_chains import DEAR, FittedChains, names_of
+from sysid.diagnose.fitted_chains import ASKED, DEAR, FittedChains, names_of
 from sysid.diagnose.left_by_one import harmless, points_left, share_left
 from sysid.diagnose.likely import ALIKE, SAME, do_else, doubtful, impossible, misfit
 from sysid.diagnose.loop_change import Limit
+from sysid.diagnose.on_samples import on_samples_beside
 from sysid.diagnose.progress import Listener
 from sysid.diagnose.refits import NEAR, PRICES
 from sysid.diagnose.score import log_chance
@@ -77,8 +78,8 @@ def chains_of_two(
 
     `budget`: base fits that this may cost, BUDGET where none is named; `limit`: changes of margins from which on what
     is left matters. Where one effect is `named`, nothing is looked for where it explains nearly all or leaves crumbs,
-    but for what is surely beside it in a loop; else what is significant beside the best is tried, however little it is
-    by power, and with the best the one that explains most on the validation runs.
+    but for what is surely beside it without showing by power; else what is significant beside the best is tried,
+    however little it is by power, and with the best the one that explains most on the validation runs.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
@@ -147,10 +148,12 @@ class _Chains(FittedChains):
 
     def surely_beside(self, named: Ranked) -> bool:
         """Whether a second effect is surely beside one that leaves crumbs, where that need not show by power: in a loop
-        whose excitation is not logged. Looked for now."""
+        whose excitation is not logged, and what acts on samples where one is. Looked for now."""
         assert named.fit is not None
         left = named.fit.division
-        if left.measured or not linear_dynamics(named.fit.model.structure) or misfit(named) < LEFT_BESIDE:
+        if left.measured:
+            return self.foretold_beside(named)
+        if not linear_dynamics(named.fit.model.structure) or misfit(named) < LEFT_BESIDE:
             return False
         asked = self.seconds.get(named.effect) or self.ask_beside(named) or ()
         for second in self.without_twins(self.able_beside(named.fit, asked))[:SECONDS]:
@@ -158,6 +161,18 @@ class _Chains(FittedChains):
                 self.fit(named, second)
         self.improve()
         return any(both_surely(one, named) for one in self.found.values())
+
+    def foretold_beside(self, named: Ranked) -> bool:
+        """Whether what acts on samples is, where what was imposed tells little of it; looked for now."""
+        if not self.paid(ASKED):
+            return False
+        try:
+            both = on_samples_beside(named, self.reference, self.say)
+        except KeyboardInterrupt:
+            self.interrupt()
+            return False
+        self.found |= {names_of(*one.effects): one for one in both}
+        return bool(both)
 
     def told(self) -> ChainSearch:
         """What was found, best first."""

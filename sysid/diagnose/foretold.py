@@ -12,8 +12,9 @@ from functools import lru_cache
 import numpy as np
 
 from sysid.diagnose.evidence import Candidate, white_left
-from sysid.fit.innovations import innovations
+from sysid.fit.innovations import Innovations, innovations
 from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import Model
 
 
 @lru_cache(maxsize=16)
@@ -27,6 +28,10 @@ def foretells_better_by(one: Candidate, other: Candidate) -> float:
 
 
 def _less(one: Candidate, other: Candidate, by: Candidate) -> float:
-    metric = innovations(by.model, by.dataset.wider, by.free)
-    mine, his = (float(np.sum(white_left(each.model, metric) ** 2)) for each in (one, other))
+    return less_left(one.model, other.model, innovations(by.model, by.dataset.wider, by.free))
+
+
+def less_left(one: Model, other: Model, metric: Innovations) -> float:
+    """Chi squared by which the first model leaves less of what is new in this metric; 0 where that is not known."""
+    mine, his = (float(np.sum(white_left(each, metric) ** 2)) for each in (one, other))
     return his - mine if np.isfinite(his - mine) else 0.0

@@ -74,6 +74,7 @@ def test_it_is_looked_for_where_its_score_is_sure(
             first.effect, second.effect, chi_squared=900.0 + 2 * SURELY_BOTH
         )
 
+    monkeypatch.setattr(chains, "on_samples_beside", lambda *_: [])  # where an excitation is logged
     monkeypatch.setattr(chains, "linear_dynamics", lambda _: linear)
     monkeypatch.setattr(chains, "misfit", lambda _: left)
     monkeypatch.setattr(_Chains, "ask_beside", lambda *_: asked)

@@ -1,0 +1,152 @@
+"""Play, dead bands and limits beside a name, of which the imposed commands tell little and all commands much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from strangers.asking import ask_runs, fitted_runs
+from strangers.flights import fly
+
+from sysid.data.dataset import dataset
+from sysid.data.record import Record
+from sysid.diagnose import chains, choice, on_samples
+from sysid.diagnose.candidates import Ranked, Reference
+from sysid.diagnose.chains import _Chains
+from sysid.diagnose.choice import SURELY_FORETELLS, winner
+from sysid.diagnose.on_samples import PROMISES, RIVAL, _Foretelling
+from sysid.diagnose.progress import unheard
+from sysid.diagnose.score import Score
+from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
+
+SEED = 4054550
+"""A judged one's: a dead band of 5.4 times what is just detectable beside an inflow, which was named alone at 0.99."""
+WIDTH = 0.00967
+
+
+@pytest.fixture(scope="module")
+def flight() -> list[Record]:
+    return fitted_runs(fly(SEED))
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    "only_effects", [("dynamic_inflow", "gyro_lag", "servo_backlash", "servo_deadband")], indirect=True
+)
+def test_a_dead_band_that_the_imposed_commands_hide_is_told_beside_an_inflow(
+    flight: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = ask_runs(flight, chains=True)
+    assert (found.verdict, set(found.chain)) == ("missing", {"dynamic_inflow", "servo_deadband"})
+    assert found.winner is not None
+    assert found.winner.values["width"] == pytest.approx(WIDTH, rel=0.05)
+    monkeypatch.setattr(on_samples, "PROMISES", np.inf)
+    assert ask_runs(flight, chains=True).chain == ("dynamic_inflow",)
+
+
+def test_runs_are_asked_as_if_no_excitation_had_been_logged(flight: list[Record]) -> None:
+    logged = dataset(flight, (0.1, 20.0))
+    assert not logged.in_a_loop
+    unexcited = logged.unexcited
+    assert unexcited.in_a_loop
+    assert unexcited is logged.unexcited
+    assert not any(name.startswith("excitation") for one in unexcited.records for name in one.channels)
+    assert all(any(name.startswith("excitation") for name in one.channels) for one in logged.records)
+    judging = logged.beside(logged).unexcited
+    assert judging.like is unexcited
+
+
+def ranked(*effects: str, chi_squared: float = 0.0, foretells: float = 0.0, measured: bool = True) -> Ranked:
+    fit = SimpleNamespace(
+        division=SimpleNamespace(measured=measured), model=SimpleNamespace(structure=SimpleNamespace(linear=True))
+    )
+    return Ranked(
+        effects=effects,
+        score=None,
+        not_testable=None,
+        fit=cast("Any", fit),
+        chi_squared=chi_squared,
+        foretells=foretells,
+        explained_share=1.0,
+    )
+
+
+def test_what_surely_foretells_more_is_named_whatever_the_imposed_commands_tell(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(choice, "_likeliest_in_practice", lambda best, *_: best)
+    named = ranked("dynamic_inflow", chi_squared=900.0)
+    other = ranked("slipstream_wing", chi_squared=800.0)
+    both = ranked("dynamic_inflow", "servo_deadband", chi_squared=890.0, foretells=SURELY_FORETELLS + 1)
+    more = ranked("dynamic_inflow", "servo_backlash", chi_squared=880.0, foretells=SURELY_FORETELLS + 9)
+    assert winner([named, other], [both, more]) is more
+    assert winner([named, other], [replace(both, foretells=SURELY_FORETELLS - 1)]) is named
+    assert winner([named, other], [replace(both, outside=("width",))]) is named
+    assert winner([named, other], [replace(both, effects=("slipstream_wing", "servo_deadband"))]) is named
+
+
+def scored(name: str, chi_squared: float) -> Ranked:
+    score = Score(effect=name, chi_squared=chi_squared, degrees=1, tried=1, at={}, errors={})
+    return Ranked(effects=(name,), score=score, not_testable=None)
+
+
+@pytest.mark.parametrize(
+    ("band", "lag", "told"),
+    [
+        ((PROMISES, SURELY_FORETELLS), (0.0, 0.0), ["servo_deadband"]),
+        ((PROMISES, SURELY_FORETELLS - 1), (0.0, 0.0), []),
+        ((PROMISES - 1, SURELY_FORETELLS), (0.0, 0.0), []),
+        ((PROMISES, SURELY_FORETELLS), (SURELY_FORETELLS, 1.1 * RIVAL * SURELY_FORETELLS), []),
+        ((PROMISES, SURELY_FORETELLS), (SURELY_FORETELLS, 0.9 * RIVAL * SURELY_FORETELLS), ["servo_deadband"]),
+    ],
+)
+def test_nothing_is_told_beside_a_name_that_is_faint_or_that_something_linear_does_nearly_as_well(
+    band: tuple[float, float], lag: tuple[float, float], told: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    more = {"servo_deadband": band[1], "servo_lag": lag[1]}
+    fits = {name: SimpleNamespace(told=(SimpleNamespace(by_name={}),), name=name) for name in more}
+    monkeypatch.setattr(on_samples, "refitted", lambda one, *_: replace(one, fit=cast("Any", fits[one.effect])))
+    monkeypatch.setattr(_Foretelling, "__init__", lambda *_: None)
+    asked = {True: [scored("servo_deadband", band[0])], False: [scored("servo_lag", lag[0])]}
+    monkeypatch.setattr(_Foretelling, "asked", lambda _, samples: asked[samples])
+    monkeypatch.setattr(_Foretelling, "more", lambda _, fit: more[fit.name])
+    monkeypatch.setattr(_Foretelling, "told", lambda _, __, beside, ___: beside)
+    search = _Foretelling(cast("Any", None), cast("Any", None))
+    search.begun, search.reference = cast("Any", None), cast("Any", SimpleNamespace(users=()))
+    assert [one.effect for one in search.found(ranked("dynamic_inflow"))] == told
+
+
+def test_only_beside_what_is_linear_and_where_an_excitation_is_logged() -> None:
+    nowhere = cast("Reference", None)  # not even looked at
+    assert on_samples.on_samples_beside(ranked("dynamic_inflow", measured=False), nowhere, unheard) == []
+    bent = ranked("quadratic_damping")
+    assert bent.fit is not None
+    bent.fit.model.structure.linear = False  # type: ignore[misc]
+    assert on_samples.on_samples_beside(bent, nowhere, unheard) == []
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_ctrl_c_ends_the_question_and_is_told(interrupted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    named = ranked("dynamic_inflow", chi_squared=900.0)
+    both = ranked("dynamic_inflow", "servo_deadband", chi_squared=900.0, foretells=2 * SURELY_FORETELLS)
+
+    def beside(*_: object) -> list[Ranked]:
+        if interrupted:
+            raise KeyboardInterrupt
+        return [both]
+
+    monkeypatch.setattr(chains, "on_samples_beside", beside)
+    monkeypatch.setattr(chains, "_of_little", lambda *_: chains.ChainSearch(unsearched=LittleLeft(0.0)))
+    found = chains.chains_of_two([replace(named, rows=2)], cast("Any", None), unheard, named=named)
+    assert found.pairs == (() if interrupted else (both,))
+    assert isinstance(found.unsearched, BudgetSpent) == interrupted
+
+
+def test_it_costs_nothing_where_nothing_may_be_spent() -> None:
+    named = ranked("dynamic_inflow", chi_squared=900.0)
+    search = _Chains([named], cast("Any", None), unheard, 0.0, answered=True)
+    assert not search.surely_beside(named)
+    assert not search.found
