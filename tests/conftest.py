@@ -8,9 +8,13 @@ import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from made_once import share_what_is_made
+
+if TYPE_CHECKING:
+    from sysid.data.record import Record
 
 share_what_is_made()
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell starts the suite in the background
@@ -108,6 +112,15 @@ def few_effects_in_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[
     """The same for a whole module, from where it is first asked for."""
     with catalogue_of(FEW, tmp_path_factory.mktemp("effects")) as folder:
         yield folder
+
+
+@pytest.fixture(scope="module")
+def fitted_stranger(request: pytest.FixtureRequest) -> list[Record]:
+    """Runs to fit of the stranger that a module names by its SEED."""
+    from strangers.asking import fitted_runs
+    from strangers.flights import fly
+
+    return fitted_runs(fly(request.module.SEED))
 
 
 @pytest.fixture(scope="module")

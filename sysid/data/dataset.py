@@ -95,8 +95,12 @@ class Dataset:
         if records == self.records:
             return self
         if loop_s not in self._held:
-            self._held[loop_s] = replace(self, records=records, _pieces={}, _viewed={}, _some={}, _held={})
+            self._held[loop_s] = self._with(records)
         return self._held[loop_s]
+
+    def _with(self, records: tuple[Record, ...]) -> Dataset:
+        """The same of other records, of which nothing is prepared yet."""
+        return replace(self, records=records, _pieces={}, _viewed={}, _some={}, _held={})
 
     def beside(self, fitted: Dataset) -> Dataset:
         """These runs as those that judge what was fitted to others."""
@@ -219,12 +223,8 @@ class Dataset:
     @cached_property
     def unexcited(self) -> Dataset:
         """The same runs as if no excitation had been logged: what they are asked so is what all commands foretell."""
-        records = tuple(
-            replace(one, channels={name: each for name, each in one.channels.items() if name not in EXCITATIONS})
-            for one in self.records
-        )
-        like = None if self.like is None else self.like.unexcited
-        return replace(self, records=records, like=like, _pieces={}, _viewed={}, _some={}, _held={})
+        bare = self._with(tuple(one.without(EXCITATIONS) for one in self.records))
+        return bare if self.like is None else bare.beside(self.like.unexcited)
 
     @property
     def samples(self) -> int:

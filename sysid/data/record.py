@@ -11,7 +11,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -184,6 +184,10 @@ class Record:
         if self.loop_known or self.loop_dt_s == loop_s:
             return self
         return replace(self, loop_dt_s=loop_s, loop_told_by="" if loop_s is None else BY_THE_RUNS)
+
+    def without(self, names: Collection[str]) -> Record:
+        """The run without these channels."""
+        return replace(self, channels={name: each for name, each in self.channels.items() if name not in names})
 
     @property
     def t(self) -> FloatArray:

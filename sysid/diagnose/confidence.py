@@ -102,11 +102,11 @@ def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> f
     assert winner.stepped is not None
     left = misfit(winner)
     leads = [
-        gain(winner.stepped, one.stepped)[0] + winner.foretells + one.added - winner.added
+        gain(winner.stepped, one.stepped)[0] + one.added - winner.added
         for one in singles
         if one.stepped is not None and not set(one.effects) & {*winner.effects, *alike} and not one.implausible
     ]
-    least = max(0.0, min([*leads, winner.chi_squared + winner.foretells]))
+    least = max(0.0, winner.foretells + min([*leads, winner.chi_squared]))
     return math.log((left + least + LEAD_SCALE) / (left + LEAD_SCALE))
 
 

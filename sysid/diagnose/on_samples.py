@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnose.candidates import Ranked, Reference, explained_by, ranked, score_effects
+from sysid.diagnose.candidates import Ranked, Reference, explained_by, rank, ranked, score_effects
 from sysid.diagnose.choice import SURELY_FORETELLS
 from sysid.diagnose.evidence import Candidate, candidate
+from sysid.diagnose.fitted_chains import names_of
 from sysid.diagnose.foretold import less_left
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import begun_at, refitted
-from sysid.fit.innovations import innovations
 from sysid.fit.output_error import output_error
 from sysid.model.relaxation import RelaxationError
 
@@ -75,8 +75,7 @@ class _Foretelling:
             unheard,
             lambda one: (one.samples is not None) == samples,
         )
-        scored = [one for one in asked if one.score is not None]
-        return sorted(scored, key=lambda one: -one.score.chi_squared if one.score else 0.0)
+        return sorted((one for one in asked if one.score is not None), key=rank)
 
     def fitted(self, asked: Sequence[Ranked], least: float) -> list[tuple[Ranked, float]]:
         """Of these what promises the least or more, fitted, and by how much each foretells more than the name alone."""
@@ -107,9 +106,8 @@ class _Foretelling:
         if not self.holds(there):
             return None
         estimate = replace(beside.fit.estimate, model=there.model, error=output_error(there.model, on.stacks))
-        fit = candidate(estimate, beside.fit.held, on, tuple(sorted((named.effect, beside.effect))))
-        both = replace(beside, effects=(named.effect, beside.effect), fit=fit, foretells=more)
-        both = ranked(both, self.reference)
+        fit = candidate(estimate, beside.fit.held, on, names_of(named.effect, beside.effect))
+        both = ranked(replace(beside, effects=(named.effect, beside.effect), fit=fit, foretells=more), self.reference)
         return None if both.fit is None else both
 
     def holds(self, there: Candidate) -> bool:
@@ -117,6 +115,5 @@ class _Foretelling:
         judging = self.reference.validation
         if judging is None:
             return True
-        on = judging.unexcited.wider
         alone = self.begun.asked_in(self.begun.metric)
-        return less_left(there.model, alone.model, innovations(there.model, on, there.free)) > 0
+        return less_left(there.model, alone.model, there, judging.unexcited) > 0

@@ -20,6 +20,7 @@ from gcs.logs import FromStart, resolve_runs
 from sysid.compare.compare import compare
 from sysid.compare.data_checks import mistaken_signs
 from sysid.compare.finding_kinds import WrongSigns
+from sysid.data.preprocess import EXCITATIONS
 from sysid.data.record import Record
 from sysid.data.stacks import Stack
 from sysid.diagnose import fitted_chains
@@ -113,10 +114,7 @@ def test_a_loop_without_excitation_turns_no_axes(shared_data: Path) -> None:
 def test_fast_answers_that_are_not_clear_turn_nothing(shared_data: Path) -> None:
     """A9: a rotor that flaps has no fast answers of one sign; without its logged excitation nothing is told of it."""
     logs = [str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")]
-    bare = [
-        replace(one, channels={name: v for name, v in one.channels.items() if not name.startswith("excitation")})
-        for one in resolve_runs(logs)
-    ]
+    bare = [one.without(EXCITATIONS) for one in resolve_runs(logs)]
     assert signs(bare) == []
     assert signs(turned(bare, p=-1.0)) == []
 

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import ask_runs, fitted_runs
-from strangers.flights import fly
+from strangers.asking import ask_runs
 
 from sysid.data.record import Record
 from sysid.diagnose import choice
@@ -24,15 +23,12 @@ SEED = 4054348
 RESTING = ("servo_deadband", "servo_backlash")
 
 
-@pytest.fixture(scope="module")
-def flight() -> list[Record]:
-    return fitted_runs(fly(SEED))
-
-
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
-def test_play_is_no_dead_band_that_foretells_less(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
-    found = ask_runs(flight)
+def test_play_is_no_dead_band_that_foretells_less(
+    fitted_stranger: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = ask_runs(fitted_stranger)
     assert (found.verdict, found.effect) == ("missing", "servo_backlash")
     fits = {one.effect: one.fit for one in found.candidates}
     play, band = fits["servo_backlash"], fits["servo_deadband"]
@@ -41,7 +37,7 @@ def test_play_is_no_dead_band_that_foretells_less(flight: list[Record], monkeypa
     assert foretells_better_by(play, band) > FORETELLS
     assert foretells_better_by(band, play) < -FORETELLS
     monkeypatch.setattr(choice, "foretells_better_by", lambda *_: 0.0)
-    assert ask_runs(flight).effect == "servo_deadband"
+    assert ask_runs(fitted_stranger).effect == "servo_deadband"
 
 
 def ranked(*effects: str, measured: bool = True) -> Ranked:

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from strangers.asking import ask_runs, fitted_runs
-from strangers.flights import fly
+from strangers.asking import ask_runs
 
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
@@ -27,28 +26,23 @@ SEED = 4054550
 WIDTH = 0.00967
 
 
-@pytest.fixture(scope="module")
-def flight() -> list[Record]:
-    return fitted_runs(fly(SEED))
-
-
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize(
     "only_effects", [("dynamic_inflow", "gyro_lag", "servo_backlash", "servo_deadband")], indirect=True
 )
 def test_a_dead_band_that_the_imposed_commands_hide_is_told_beside_an_inflow(
-    flight: list[Record], monkeypatch: pytest.MonkeyPatch
+    fitted_stranger: list[Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = ask_runs(flight, chains=True)
+    found = ask_runs(fitted_stranger, chains=True)
     assert (found.verdict, set(found.chain)) == ("missing", {"dynamic_inflow", "servo_deadband"})
     assert found.winner is not None
     assert found.winner.values["width"] == pytest.approx(WIDTH, rel=0.05)
     monkeypatch.setattr(on_samples, "PROMISES", np.inf)
-    assert ask_runs(flight, chains=True).chain == ("dynamic_inflow",)
+    assert ask_runs(fitted_stranger, chains=True).chain == ("dynamic_inflow",)
 
 
-def test_runs_are_asked_as_if_no_excitation_had_been_logged(flight: list[Record]) -> None:
-    logged = dataset(flight, (0.1, 20.0))
+def test_runs_are_asked_as_if_no_excitation_had_been_logged(fitted_stranger: list[Record]) -> None:
+    logged = dataset(fitted_stranger, (0.1, 20.0))
     assert not logged.in_a_loop
     unexcited = logged.unexcited
     assert unexcited.in_a_loop

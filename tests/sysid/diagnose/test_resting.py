@@ -8,8 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from strangers.asking import ask_runs, fitted_runs
-from strangers.flights import fly
+from strangers.asking import ask_runs
 
 from sysid.data.record import Record
 from sysid.diagnose import diagnose as asking
@@ -25,21 +24,16 @@ SEED = 4034426
 RESTING = ("servo_deadband", "servo_backlash")
 
 
-@pytest.fixture(scope="module")
-def flight() -> list[Record]:
-    return fitted_runs(fly(SEED))
-
-
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
 def test_a_dead_band_of_a_faint_score_is_found_by_its_refit(
-    flight: list[Record], monkeypatch: pytest.MonkeyPatch
+    fitted_stranger: list[Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = ask_runs(flight)
+    found = ask_runs(fitted_stranger)
     assert (found.verdict, found.effect) == ("missing", "servo_deadband")
     assert found.candidates[0].values["width"] == pytest.approx(0.0089, rel=0.5)
     monkeypatch.setattr(asking, "chance_of_rest", lambda *_: 0.0)
-    assert ask_runs(flight).verdict == "complete"
+    assert ask_runs(fitted_stranger).verdict == "complete"
 
 
 def scored(name: str, chi_squared: float) -> Ranked:
