@@ -68,6 +68,7 @@ def refit_serious(
     for one, score in order.slow:
         if order.serious(one) and (score.chi_squared > NEAR * explained or not linear_enough):
             order.fit(one)
+    order.fit_on_samples()
     order.level()
     return [order.found.get(one.effects, one) for one in asked]
 
@@ -98,6 +99,17 @@ class _Order:
         if again.fit is not None and again.fit.error_share < self.best.error_share:
             self.best, self.question_open = again.fit, _leaves_more(again.fit, self.parent)
         self.say(heard(again, self.parent, _avoidable(self.best, self.parent)))
+
+    def fit_on_samples(self) -> None:
+        """Where the best acts on samples, all else that does: their scores go by a few sizes only, and a dead band of
+        0.044 with a score of 93 at 0.05 explained 327, where a play had a score of 160 and explained 234."""
+        if self.found and _on_samples(max(self.found.values(), key=self._explained)):
+            for one, _ in self.slow:
+                if _on_samples(one) and one.effects not in self.found:
+                    self.fit(one)
+
+    def _explained(self, one: Ranked) -> float:
+        return 0.0 if one.fit is None else explained_by(one.fit, self.parent, self.parent.metric)
 
     def level(self) -> None:
         """What another contains, and is surely told from, once more from where that one ended: late motors had been

@@ -19,9 +19,11 @@ from sysid.model.structure import Model
 
 Trial = tuple[float, Model | None]
 """Cost and model; infinite and None where there is no response."""
-WIDE, WINDOW, FINE, NARROW, FINEST = 1.2, 1.4, 1.004, 1.02, 1.0002
-"""Ratios: between the values of the first look; from its best to the ends of the second; between the values of that
-one; where halving the distance begins, and where it ends."""
+WIDE, BELOW, ABOVE, FINE, NARROW, FINEST = 1.2, 1.4, 2.0, 1.004, 1.02, 1.0002
+"""Ratios: between the values of the first look; from its best down and up to the ends of the second, because averaged
+commands are best at too small a width rather than at too large a one (four clefts of 107 dead bands on strangers were
+1.6 to 1.9 above it, none as far below); between the values of that one; where halving the distance begins, and where
+it ends."""
 TRIED = 8
 """Values of the second look that are tried."""
 
@@ -52,8 +54,8 @@ def search_nonsmooth(
     _, model = lowest(
         [tried(at(begin, value), _mean(seen[max(i - 1, 0) : i + 2])) for i, value in enumerate(wide)],
     )
-    most = round(np.log(WINDOW) / np.log(FINE))
-    near = (model[name] * FINE ** np.arange(-most, most + 1.0)).tolist()
+    below, above = (round(np.log(end) / np.log(FINE)) for end in (BELOW, ABOVE))
+    near = (model[name] * FINE ** np.arange(-below, above + 1.0)).tolist()
     near = sorted(near, key=lambda value: glanced(at(model, value)))[:TRIED]
     trials = [tried(at(model, value), stacks) for value, stacks in zip(wide, seen, strict=True)]
     best = lowest(trials + [tried(at(model, value), acted(at(model, value))) for value in near])

@@ -90,3 +90,13 @@ def test_entries_of_the_same_equations_name_each_other() -> None:
     known = catalogue()
     for name, effect in known.items():
         assert all(name in known[other].same_as for other in effect.same_as), name
+
+
+def test_beside_the_best_on_samples_all_else_that_acts_on_them_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A score goes by a few sizes: between two of them a dead band explained more than a play."""
+    little = [scored("quadratic_damping", 90.0), scored("servo_deadband", 90.0)]
+    names = order(monkeypatch, [*little, scored("servo_backlash", 1000.0)], None)
+    assert names == ["servo_backlash", "servo_deadband"]
+    assert order(monkeypatch, [*little, scored("gyro_lag", 1000.0)], None) == ["gyro_lag"]
+    by_chance = [scored("servo_deadband", 1.0), scored("servo_backlash", 1000.0)]
+    assert order(monkeypatch, by_chance, None) == ["servo_backlash"]
