@@ -78,8 +78,10 @@ def both_surely(pair: Ranked, single: Ranked) -> bool:
 
 
 def _foretells_surely(pair: Ranked, single: Ranked) -> bool:
-    """Whether a second effect is there by what it foretells, whatever was imposed tells of it."""
-    return pair.foretells >= SURELY_FORETELLS and not pair.outside and single.effect in pair.effects
+    """Whether a second effect is there by what it foretells, whatever was imposed tells of it. Where that alone has
+    become the likeliest since, nothing speaks for the first: a dead band explained more than the lags that passed for
+    it."""
+    return pair.foretells >= SURELY_FORETELLS and not pair.outside and single.effect == pair.effects[0]
 
 
 def _more(pair: Ranked, single: Ranked) -> float:

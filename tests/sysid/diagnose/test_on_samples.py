@@ -80,6 +80,8 @@ def test_what_surely_foretells_more_is_named_whatever_the_imposed_commands_tell(
     assert winner([named, other], [replace(both, foretells=SURELY_FORETELLS - 1)]) is named
     assert winner([named, other], [replace(both, outside=("width",))]) is named
     assert winner([named, other], [replace(both, effects=("slipstream_wing", "servo_deadband"))]) is named
+    alone = ranked("servo_deadband", chi_squared=950.0)
+    assert winner([alone, named], [both, more]) is alone
 
 
 def scored(name: str, chi_squared: float) -> Ranked:
