@@ -28,11 +28,12 @@ from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model, Structure
 
-KEPT, KEPT_ON_SAMPLES = 0.9, 0.7
-"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley: a lag of 29 ms
-that ended at 1 ms in rough air had 0.88; a limit far below the gusts had half of it, in a valley of these."""
-FAR_LESS = 0.5
-"""Of the same, where feedback may have led a refit elsewhere: prediction errors, which cost more, are asked then."""
+KEPT, KEPT_ON_SAMPLES = 0.5, 0.7
+"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley; a limit far
+below the gusts had half of it, in a valley of these."""
+NEARLY_KEPT = 0.9
+"""Of the same, what a linear entry explains at least that has nowhere to go on to: a lag of 29 ms that ended at 1 ms in
+rough air had 0.88."""
 FAR = 0.5
 """Of a value: a limit of 24 1/s was left at 90, where it explains little, and its slope promised much further down."""
 SERIOUS, SERIOUS_SLOW = 0.1, 0.3
@@ -239,6 +240,8 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     if begin is not None and not composed.linear:  # in a loop, what acts on samples: powers lead to another size
         fit = _likelier(predicting(fit, parent, begin), fit, parent)
     fit = moved_on(fit, parent, astray)
+    if begin is not None and shows and composed.linear:
+        fit = _gone_on(fit, parent, one, begin)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
 
@@ -286,6 +289,16 @@ def _as_promised(
     return again, True
 
 
+def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Candidate:
+    """The fit of a linear entry; where it explains clearly less than the score promised a better one, if there is one,
+    by the noise from where that was."""
+    assert one.score is not None
+    promised = NEARLY_KEPT * one.score.chi_squared
+    if not parent.division.measured or explained_by(fit, parent, parent.metric) >= promised:
+        return fit
+    return begun_at(fit, parent, begin.by_name) or fit
+
+
 def _has_far_to_go(fit: Candidate, parent: Candidate) -> bool:
     """Whether what is not linear would yet move by more than FAR in the parent's metric: what it explains is then what
     a slope promises, far from where it was taken."""
@@ -303,7 +316,7 @@ def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
         return False
     return (
         bool(values_outside(fit) - values_outside(parent))
-        or explained_by(fit, parent, parent.metric) < FAR_LESS * score.chi_squared
+        or explained_by(fit, parent, parent.metric) < KEPT * score.chi_squared
     )
 
 

@@ -19,13 +19,13 @@ from sysid.model.structure import Model
 
 Trial = tuple[float, Model | None]
 """Cost and model; infinite and None where there is no response."""
-WIDE, BELOW, ABOVE, FINE, NARROW, FINEST = 1.2, 1.4, 2.0, 1.004, 1.02, 1.0002
-"""Ratios: between the values of the first look; from its best down and up to the ends of the second, because averaged
-commands are best at too small a width rather than at too large a one (four clefts of 107 dead bands on strangers were
-1.6 to 1.9 above it, none as far below); between the values of that one; where halving the distance begins, and where
-it ends."""
+WIDE, AROUND, ABOVE, FINE, NARROW, FINEST = 1.2, 1.4, 2.0, 1.004, 1.02, 1.0002
+"""Ratios: between the values of the first look; from its best to the ends of the second, and up to that of a third,
+because averaged commands are best at too small a width rather than at too large a one (four clefts of 107 dead bands on
+strangers were 1.6 to 1.9 above it, none as far below); between the values of these; where halving the distance begins,
+and where it ends."""
 TRIED = 8
-"""Values of the second look that are tried."""
+"""Values of either that are tried."""
 
 
 def search_nonsmooth(
@@ -54,9 +54,13 @@ def search_nonsmooth(
     _, model = lowest(
         [tried(at(begin, value), _mean(seen[max(i - 1, 0) : i + 2])) for i, value in enumerate(wide)],
     )
-    below, above = (round(np.log(end) / np.log(FINE)) for end in (BELOW, ABOVE))
-    near = (model[name] * FINE ** np.arange(-below, above + 1.0)).tolist()
-    near = sorted(near, key=lambda value: glanced(at(model, value)))[:TRIED]
+    around, above = (round(np.log(end) / np.log(FINE)) for end in (AROUND, ABOVE))
+    looks = (model[name] * FINE ** np.arange(-around, above + 1.0)).tolist()
+    near = [
+        value
+        for part in (looks[: 2 * around + 1], looks[2 * around + 1 :])
+        for value in sorted(part, key=lambda value: glanced(at(model, value)))[:TRIED]
+    ]
     trials = [tried(at(model, value), stacks) for value, stacks in zip(wide, seen, strict=True)]
     best = lowest(trials + [tried(at(model, value), acted(at(model, value))) for value in near])
     ratio = NARROW

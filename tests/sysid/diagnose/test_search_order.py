@@ -115,5 +115,5 @@ def test_a_lag_goes_on_to_what_its_score_promises(monkeypatch: pytest.MonkeyPatc
     assert (found.verdict, found.effect) == ("missing", "motor_lag")
     assert found.winner is not None
     assert found.winner.values["tau_m"] == pytest.approx(flown.hidden.sizes[0]["tau_m"], rel=0.15)
-    monkeypatch.setattr(refits, "KEPT", 0.5)
+    monkeypatch.setattr(refits, "NEARLY_KEPT", 0.5)
     assert ask(flown).first.effect != "motor_lag"
