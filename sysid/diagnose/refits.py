@@ -240,7 +240,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     if begin is not None and not composed.linear:  # in a loop, what acts on samples: powers lead to another size
         fit = _likelier(predicting(fit, parent, begin), fit, parent)
     fit = moved_on(fit, parent, astray)
-    if begin is not None and shows and composed.linear:
+    if begin is not None and shows:
         fit = _gone_on(fit, parent, one, begin)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
@@ -294,7 +294,9 @@ def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Ca
     by the noise from where that was."""
     assert one.score is not None
     promised = NEARLY_KEPT * one.score.chi_squared
-    if not parent.division.measured or explained_by(fit, parent, parent.metric) >= promised:
+    if not (fit.model.structure.linear and parent.division.measured):
+        return fit
+    if explained_by(fit, parent, parent.metric) >= promised:
         return fit
     return begun_at(fit, parent, begin.by_name) or fit
 
