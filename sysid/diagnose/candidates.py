@@ -78,7 +78,7 @@ class Ranked:
     """Parameters of the parent that were implausible and are not any more."""
     rows: int = 1
     foretells: float = 0.0
-    """Chi squared by which a chain foretells more than one of its effects that was named, where that was asked."""
+    """Chi squared by which a chain foretells more than the first of its effects, the one named, if asked."""
 
     @property
     def effect(self) -> str:

@@ -13,7 +13,7 @@ from strangers.flights import fly
 
 from sysid.diagnose import candidates, refits
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.progress import unheard
+from sysid.diagnose.progress import Asking, Listener, unheard
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.score import Score
 from sysid.model.effect import catalogue
@@ -40,7 +40,9 @@ def scored(effect: str, chi_squared: float) -> Ranked:
     return Ranked(effects=(effect,), score=score, not_testable=None)
 
 
-def order(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str | None) -> list[str]:
+def order(
+    monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str | None, say: Listener = unheard
+) -> list[str]:
     """Effects in the order in which they were refitted, where `enough` leaves noise."""
     made: list[str] = []
 
@@ -54,7 +56,7 @@ def order(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str 
     monkeypatch.setattr(refits, "_avoidable", lambda *_: 1.0)
     monkeypatch.setattr(candidates, "instrumental_step", lambda *_: None)
     monkeypatch.setattr(candidates, "gain", lambda *_: (1000.0, 0.0))
-    refit_serious(asked, cast("Any", Left(1.0)), (), unheard)
+    refit_serious(asked, cast("Any", Left(1.0)), (), say)
     return made
 
 
@@ -100,8 +102,10 @@ def test_entries_of_the_same_equations_name_each_other() -> None:
 def test_beside_the_best_on_samples_all_else_that_acts_on_them_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """A score goes by a few sizes: between two of them a dead band explained more than a play."""
     little = [scored("quadratic_damping", 90.0), scored("servo_deadband", 90.0)]
-    names = order(monkeypatch, [*little, scored("servo_backlash", 1000.0)], None)
+    heard: list[object] = []
+    names = order(monkeypatch, [*little, scored("servo_backlash", 1000.0)], None, heard.append)
     assert names == ["servo_backlash", "servo_deadband"]
+    assert [(one.number, one.of) for one in heard if isinstance(one, Asking)] == [(1, 1), (2, 2)]
     assert order(monkeypatch, [*little, scored("gyro_lag", 1000.0)], None) == ["gyro_lag"]
     by_chance = [scored("servo_deadband", 1.0), scored("servo_backlash", 1000.0)]
     assert order(monkeypatch, by_chance, None) == ["servo_backlash"]
