@@ -255,6 +255,7 @@ DIAGNOSIS = exactly(
         "chain": {"type": "array", "items": TEXT, "maxItems": 2},
         "stands_in": {"type": "boolean"},
         "indistinguishable": listed(TEXT),
+        "indistinguishable_pairs": listed(listed(TEXT)),
         "equivalent": {"type": "object", "additionalProperties": listed(TEXT)},
         "confidence": {"type": "number", "minimum": 0, "maximum": 1},
         "explained_share": SHARE,

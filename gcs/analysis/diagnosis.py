@@ -410,7 +410,9 @@ def _next(found: Diagnosis) -> NextManeuver | None:
     if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
         return linear_or_not(found.parent, found.division)
     others = found.candidates if len(found.chain) == 1 else found.pairs
-    rivals = [one.fit for one in others if set(one.effects) & {*found.not_told} and one.fit is not None]
+    parts = [one for one in found.pairs if one.effects in found.indistinguishable_pairs]
+    near = [*(one for one in others if set(one.effects) & {*found.not_told}), *parts]
+    rivals = [one.fit for one in near if one.fit is not None]
     if not rivals and (second := rival(found)) is not None and second.fit is not None:
         rivals = [second.fit]
     if not rivals:

@@ -60,14 +60,16 @@ sure; -o keeps the fit with all that was found.
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
 answers like this one were right on flights whose answer was known: the effect, or one of a class of at most three that
-these runs hardly tell apart ("indistinguishable"); of a longer class, the effect itself. Effects that predict the same
-here ("equivalent": a lag of the servos and one of the gyros) count as one.
+these runs hardly tell apart ("indistinguishable", and "indistinguishable_pairs": two effects that do together what the
+one does, as a delay and an inflow what a second-order lag does); of a longer class, the effect itself. Effects that
+predict the same here ("equivalent": a lag of the servos and one of the gyros) count as one.
 
 The answer is kept beside the fit as FIT-diagnosis.json, under the next free name; `tippath design` judges gains by it.
 
 --json prints {"format": "tippath.diagnosis/1", "fit_sha256", "models": [{"role", "effects", "model"}] (the fit with
 what is missing, and with what could not be told from that), "airframe", "verdict", "effect", "chain", "stands_in",
-"indistinguishable", "equivalent": {effect: [effects]}, "confidence", "explained_share", "needed_share" (to be named),
+"indistinguishable", "indistinguishable_pairs", "equivalent": {effect: [effects]}, "confidence", "explained_share",
+"needed_share" (to be named),
 "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters",
 "standard_errors", "implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "sizes":
 [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text], "character", "next_maneuver": {"maneuver",

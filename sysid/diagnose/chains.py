@@ -44,6 +44,10 @@ HOPELESS = 0.5
 """The same of the effect that promises most beside it, below which no other is tried beside it: of 24 right chains of
 two the least explained 0.59 by then, and 22 of 70 others less than half. Nor is anything put in a doubtful half's place
 there."""
+NEARLY_AS_MUCH = 0.8
+"""Of the chi squared of the likeliest effect, where that is not plausible, that a plausible one explains which chains
+are begun with instead: of 35 strangers that hid two, 13 had a half in that one, and 5 in the likeliest, two of them a
+tether."""
 SURELY_BESIDE = 30.0
 """Chi squared that an effect scores beside one that leaves crumbs by power, no excitation logged, to be looked for
 there: of 57 right single names of strangers that a judgement had spent two had one; of six names of one half of two,
@@ -86,17 +90,12 @@ def chains_of_two(
     if not able:
         return ChainSearch()
     chains = _Chains(fitted, reference, say, budget, named is not None)
-    # an effect may leave something that powers need not show: play, limits, what rotor speed changes
-    little = None if named is None else _of_little(named, reference, limit or Limit())
+    little = chains.little(able, named, limit or Limit())
+    chains.parts_of(named or able[0], singles)
     if little is None:
-        if named is None and (other := _best_elsewhere(able)) is not None:
-            chains.fit(able[0], other)
-        if chains.search(able):
-            return chains.told()
-        little = ChainSearch()  # the best one alone leaves noise
-    if named is not None and chains.surely_beside(named):
         return chains.told()
-    return replace(little, unsearched=chains.unsearched) if chains.interrupted else little
+    unsearched = chains.unsearched if chains.interrupted else little.unsearched
+    return replace(chains.told(), unsearched=unsearched)
 
 
 def _of_little(named: Ranked, reference: Reference, limit: Limit) -> ChainSearch | None:
@@ -121,10 +120,35 @@ def _best_elsewhere(able: Sequence[Ranked]) -> Ranked | None:
 class _Chains(FittedChains):
     """In what order they are looked for."""
 
+    def little(self, able: Sequence[Ranked], named: Ranked | None, limit: Limit) -> ChainSearch | None:
+        """Look for chains; what to say where there is no need."""
+        # an effect may leave something that powers need not show: play, limits, what rotor speed changes
+        little = None if named is None else _of_little(named, self.reference, limit)
+        if little is None:
+            if named is None and (other := _best_elsewhere(able)) is not None:
+                self.fit(able[0], other)
+            if self.search(able):
+                return None
+            little = ChainSearch()  # the best one alone leaves noise
+        return None if named is not None and self.surely_beside(named) else little
+
+    def parts_of(self, whole: Ranked, singles: Sequence[Ranked]) -> None:
+        """Fit the pairs of other effects that may do together what this one does."""
+        testable = {one.effect for one in singles if one.not_testable is None}
+        known = catalogue().get(whole.effect)
+        for one, other in () if known is None else known.made_of:
+            if {one, other} <= testable and names_of(one, other) not in self.found:
+                beside = self.fitted_alone(_unasked(one))
+                if beside is not None:
+                    self.fit(beside, _unasked(other))
+
     def search(self, able: Sequence[Ranked]) -> bool:
         """Begin with the best of the able, then with the halves of the best chain; False where the very best alone
         leaves noise."""
         waiting, done = _different(able), set[str]()
+        # what only stands in may be far from any half: what is plausible and explains nearly as much is begun with
+        begin = next((one for one in waiting if not impossible(one) and _as_much(one, able[0])), able[0])
+        waiting.sort(key=lambda one: one is not begin)
         while waiting and len(done) < MOST_FIRSTS:
             first = waiting.pop(0)
             done.add(first.effect)
@@ -132,7 +156,7 @@ class _Chains(FittedChains):
                 if first is able[0] and not first.implausible and not self.found:
                     return False
                 continue
-            if self.found and first is able[0] and _explained(self.best) < HOPEFUL:
+            if self.found and first is begin and _explained(self.best) < HOPEFUL:
                 if _explained(self.best) >= HOPELESS:
                     self.exchange_doubtful()
                 if (explained := _explained(self.best)) < HOPEFUL:
@@ -385,6 +409,11 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
         if all(other.implausible or do_else(one, other) for other in chosen):
             chosen.append(one)
     return chosen
+
+
+def _as_much(one: Ranked, best: Ranked) -> bool:
+    """Whether it explains nearly as much as the best."""
+    return one.chi_squared > NEARLY_AS_MUCH * best.chi_squared
 
 
 def _explained(chain: Ranked) -> float:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from sysid.diagnose.candidates import Ranked, Reference, composed_with, heard, ranked, score_effects
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.levelled import levelled, near_another
-from sysid.diagnose.likely import SAME, do_else, twins
+from sysid.diagnose.likely import SAME, do_else, impossible, twins
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import PRICES, as_scored, does_nothing, goes_by_its_score, refitted
 from sysid.diagnose.unsearched import BudgetSpent, MuchLeft
@@ -55,8 +55,8 @@ class FittedChains:
         self.answered = answered
         self.single = {one.effect: one for one in fitted}
         """Effects that were fitted alone;"""
-        self.alone = {one.effect: one for one in fitted if not one.implausible}
-        """of them the plausible ones."""
+        self.alone = {one.effect: one for one in fitted if not impossible(one)}
+        """of them the plausible ones, and what a tether would be."""
         self.seconds: dict[str, list[Ranked]] = {}
         """What was asked beside each first effect, the most promising first."""
         self.found: dict[tuple[str, ...], Ranked] = {}
@@ -167,7 +167,7 @@ class FittedChains:
                 return None
             if alone.fit is not None:
                 self.single[one.effect] = alone
-                self.alone |= {} if alone.implausible else {one.effect: alone}
+                self.alone |= {} if impossible(alone) else {one.effect: alone}
         return self.alone.get(one.effect)
 
     def price_of(self, more: Ranked, begin: Candidate, near: Model | None = None) -> float:

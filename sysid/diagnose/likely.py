@@ -61,11 +61,13 @@ class Class:
     """Probability, among the candidates, of the answer,"""
     whole: float
     """and of the whole class."""
+    pairs: tuple[tuple[str, ...], ...] = ()
+    """Others of it that are two entries each, which do together what a single one does that is the answer."""
 
     @property
     def right(self) -> float:
         """Probability that the answer is right, or one of a class that is short enough to be of use."""
-        return self.whole if len(self.alike) < USEFUL else self.named
+        return self.whole if len(self.alike) + len(self.pairs) < USEFUL else self.named
 
     def named_with(self, winner: Ranked) -> set[str]:
         """Every entry that stands in it, by whatever name, the winner's among them."""
@@ -73,7 +75,7 @@ class Class:
 
 
 def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
-    """The class of a winner among candidates of as many effects."""
+    """The class of a winner among candidates of as many effects, and pairs that a single one is made of."""
     rivals = [
         one
         for one in candidates
@@ -88,9 +90,11 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     held = [sum(shares[i] for i in order[: n + 1]) for n in range(len(order))]
     count = _count(held)
     kept = [families[i] for i in order[:count]]
-    named = set(winner.effects)
+    named, heads = set(winner.effects), [family[0].effects for family in kept[1:]]
+    alike = [effects for effects in heads if len(effects) == len(winner.effects)]
     return Class(
-        alike=tuple(dict.fromkeys(name for family in kept[1:] for name in family[0].effects if name not in named)),
+        alike=tuple(dict.fromkeys(name for effects in alike for name in effects if name not in named)),
+        pairs=tuple(effects for effects in heads if effects not in alike),
         equivalent=_equivalents(kept, named),
         named=shares[0],
         whole=held[count - 1],

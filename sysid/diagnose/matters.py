@@ -131,6 +131,7 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
         stands_in=False,
         chain=(),
         indistinguishable=(),
+        indistinguishable_pairs=(),
         equivalent={},
         explained_share=None,
         lead=None,

@@ -228,9 +228,13 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     begin = as_scored(one, composed, parent) if by_score or linear_dynamics(composed) else None
     if by_score and begin is None:
         return replace(one, fit=None)
-    near = begin if by_score else near
-    fit, failure = refit_or_reason(composed, parent, one.effects, near)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
+    near = begin if by_score else near
+    fit, failure = None, ""
+    if shows and near is None and begin is not None and composed.linear:
+        fit = _kept(refit_or_reason(composed, parent, one.effects, begin)[0], parent, one)
+    if fit is None:
+        fit, failure = refit_or_reason(composed, parent, one.effects, near)
     astray = False
     if begin is not None and shows:
         fit, astray = _as_promised(fit, composed, parent, one, begin)
@@ -288,6 +292,14 @@ def _as_promised(
     if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
         return fit, False
     return again, True
+
+
+def _kept(fit: Candidate | None, parent: Candidate, one: Ranked) -> Candidate | None:
+    """The fit from where the score was, where it keeps that promise; None where it does not."""
+    assert one.score is not None
+    if fit is None or _astray(fit, parent):
+        return None
+    return fit if explained_by(fit, parent, parent.metric) >= NEARLY_KEPT * one.score.chi_squared else None
 
 
 def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Candidate:

@@ -229,9 +229,10 @@ def search(
         alike = [one for one in steps if one is best or _as_well(best, one)]
         equal = [one for one in alike if log_p[one.number] < log_p[best.number] + EQUAL]
         head = min(equal, key=lambda one: (known.entries[one.number].signals, log_p[one.number]))
-        usual = surely = min(0.0, _log_chance(head, head.at_least, log_p) + math.log(tried))
+        at_least = _at_least(head, known.entries[head.number], stepped, whitening)
+        usual = surely = min(0.0, _log_chance(head, at_least, log_p) + math.log(tried))
         if usual >= BEYOND_BURSTS:
-            least = min(head.at_least, in_bursts(head.rows, stepped.residual, stepped.envelope(whitening)))
+            least = min(at_least, in_bursts(head.rows, stepped.residual, stepped.envelope(whitening)))
             surely = min(0.0, _log_chance(head, least, log_p) + math.log(tried))
         found.append(
             Term(
@@ -315,9 +316,6 @@ class _Step:
     standard_errors: FloatArray
     explains: FloatArray
     """(N,) of the residual, as the imposed commands show it."""
-    at_least: float
-    """Chi squared by the noise's power when the entry acts, where noise comes in bursts; of what is not linear by
-    frequencies at which a thinned log tells how large commands are; the less of both."""
     rows: FloatArray
     """(parts, N), what asks it of the residual."""
 
@@ -332,7 +330,6 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
     D = whitening(_together([known.answers(number) for number in numbers]))
     Z = D if known.as_flown else whitening(_together([known.answers(number, True) for number in numbers]))
     Z = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
-    envelope, told = stepped.envelope(whitening), rows_that_tell_sizes(whitening)
     found = []
     begin = 0
     for number in numbers:
@@ -342,22 +339,28 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         gram, e = z @ z.T, z @ stepped.residual
         inverse = np.linalg.pinv(z @ d.T)
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
-        at_least = math.inf
-        if envelope.rough:
-            at_least = envelope.surely(_quadratic(e, envelope.gram(z)), len(z), z)
-        if told is not None and not known.entries[number].linear:
-            at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
         found.append(
             _Step(
                 number=number,
                 coefficients=inverse @ e,
                 standard_errors=spread,
                 explains=np.linalg.pinv(gram, hermitian=True) @ e @ z,
-                at_least=at_least,
                 rows=z,
             )
         )
     return found
+
+
+def _at_least(step: _Step, entry: Entry, stepped: Stepped, whitening: Whitening) -> float:
+    """Chi squared of an entry by the noise's power when it acts, where noise comes in bursts; of what is not linear by
+    frequencies at which a thinned log tells how large commands are; the less of both."""
+    envelope, told, z = stepped.envelope(whitening), rows_that_tell_sizes(whitening), step.rows
+    least = math.inf
+    if envelope.rough:
+        least = envelope.surely(_quadratic(z @ stepped.residual, envelope.gram(z)), len(z), z)
+    if told is not None and not entry.linear:
+        least = min(least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
+    return least
 
 
 def _quadratic(e: FloatArray, covariance: FloatArray) -> float:

@@ -45,6 +45,7 @@ from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import Division
 from sysid.fit.result import finite
 from sysid.fit.whitening import Whitening
+from sysid.model.effect import catalogue
 
 FORMAT = "tippath.diagnosis/1"
 LARGEST_DIFFERENCE = 0.16
@@ -70,6 +71,8 @@ class Diagnosis:
     """The best one or two effects, the larger first; empty where the model is complete."""
     indistinguishable: tuple[str, ...]
     """The others of the class, the likeliest first."""
+    indistinguishable_pairs: tuple[tuple[str, ...], ...]
+    """Of the class, pairs of entries that do together what a single one does that is the answer."""
     equivalent: Mapping[str, tuple[str, ...]]
     """Of the answer, and of those: entries that predict the same on these runs, and are no other answer."""
     confidence: float
@@ -168,6 +171,7 @@ class Diagnosis:
             "chain": list(self.chain),
             "stands_in": self.stands_in,
             "indistinguishable": list(self.indistinguishable),
+            "indistinguishable_pairs": [list(pair) for pair in self.indistinguishable_pairs],
             "equivalent": {name: list(others) for name, others in self.equivalent.items()},
             "confidence": finite(self.confidence),
             "explained_share": None if self.explained_share is None else finite(self.explained_share),
@@ -221,6 +225,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
         stands_in=answer.stands_in,
         chain=answer.chain,
         indistinguishable=answer.indistinguishable,
+        indistinguishable_pairs=answer.indistinguishable_pairs,
         equivalent=answer.equivalent,
         confidence=answer.confidence,
         explained_share=answer.explained_share,
@@ -254,6 +259,7 @@ class _Answer:
     stands_in: bool = False
     chain: tuple[str, ...] = ()
     indistinguishable: tuple[str, ...] = ()
+    indistinguishable_pairs: tuple[tuple[str, ...], ...] = ()
     equivalent: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     confidence: float
     explained_share: float | None = None
@@ -275,7 +281,8 @@ def _answer(
     compared = _compared(winner, reference) if enough and not stands_in else ()
     missing = enough and not stands_in and _hold(compared)
     peers = singles if len(chain) == 1 else pairs
-    among = _declared(winner, _answers(peers, shares, enough), singles, pairs)
+    parts = [one for one in pairs if _is_part_of(winner, one)]
+    among = _declared(winner, _answers([*peers, *parts], shares, enough), singles, pairs)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
     told = _told(winner, among, ratio, shares, reference, None)
@@ -288,6 +295,7 @@ def _answer(
         stands_in=stands_in,
         chain=chain,
         indistinguishable=among.alike,
+        indistinguishable_pairs=among.pairs,
         equivalent=among.equivalent,
         confidence=_sure(winner, right, reference.parent),
         explained_share=winner.explained_share or 0.0,
@@ -295,6 +303,12 @@ def _answer(
         outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
+
+
+def _is_part_of(winner: Ranked, pair: Ranked) -> bool:
+    """Whether a single effect may be made of this pair."""
+    known = catalogue().get(winner.effect) if len(winner.effects) == 1 else None
+    return known is not None and any(set(pair.effects) == {*parts} for parts in known.made_of)
 
 
 def _only_resembles(chain: Ranked, named: float, told: float) -> bool:

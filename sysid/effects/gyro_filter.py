@@ -116,6 +116,7 @@ EFFECT = Effect(
         ),
     ),
     same_as=("servo_second_order",),
+    made_of=(("transport_delay", "dynamic_inflow"),),
     stage=Stage.MEASUREMENT,
     order=2,
     equations=_equations(_fitted_corner, ()),

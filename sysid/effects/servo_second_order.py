@@ -48,6 +48,7 @@ EFFECT = Effect(
         source="a speed loop round a motor",
     ),
     same_as=("gyro_filter",),
+    made_of=(("transport_delay", "dynamic_inflow"),),
     stage=Stage.COMMAND,
     order=4,
     equations=equations,

@@ -134,6 +134,8 @@ class Effect:
     than one it is no other answer."""
     same_as: tuple[str, ...] = ()
     """Entries whose equations do the same to all that is measured, on a linear vehicle whose commands pass alike."""
+    made_of: tuple[tuple[str, str], ...] = ()
+    """Pairs of other entries that may do together nearly what it does: where both are as likely, runs do not tell."""
     absorbed_by: tuple[str, ...] = ()
     """Bases that contain it already, beside those that say so themselves."""
     replaces: tuple[str, ...] = ()

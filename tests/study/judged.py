@@ -167,7 +167,8 @@ class Flight:
         """Right, or among at most three that it says cannot be told apart."""
         alike = {self.said["effect"], *self.said["indistinguishable"]}
         every = set().union(*map(self._as_good, alike))
-        return self.right or (len(alike) <= LARGEST_CLASS and bool(every & self.answers[0]))
+        size = len(alike) + len(self.said.get("indistinguishable_pairs", ()))
+        return self.right or (size <= LARGEST_CLASS and bool(every & self.answers[0]))
 
     @property
     def in_first_two(self) -> bool:
@@ -176,12 +177,14 @@ class Flight:
 
     @property
     def both_found(self) -> bool:
-        """Two hidden: named in the first answer's chain, or when asked again with it added."""
+        """Two hidden: named in the first answer's chain, or when asked again with it added; or a pair that the runs do
+        not tell from the one which is named."""
         told: set[str] = set()
         for said in (self.said, self.said.get("second") or {}):
             named = {said.get("effect"), *said.get("chain", ()), *said.get("indistinguishable", ())} - {None}
             told |= named.union(*(said.get("equivalent", {}).get(name, ()) for name in named))
-        return all(answers & told for answers in self.answers)
+        instead = (set(pair) for pair in self.said.get("indistinguishable_pairs", ()))
+        return any(all(answers & one for answers in self.answers) for one in (told, *instead))
 
     def sizes_off(self) -> list[float]:
         """(estimate - truth)/standard error of the true entry's parameters, where the truth is known."""

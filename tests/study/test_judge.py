@@ -157,6 +157,22 @@ def test_two_are_both_found_by_names_that_predict_the_same() -> None:
     assert Flight({"hidden": hidden, **alone, "second": second}).both_found
 
 
+def test_two_are_both_found_as_a_pair_that_a_single_one_is_not_told_from() -> None:
+    hidden: list[dict[str, Any]] = [
+        {"level": "catalogue", "answer": name, "accepts": []} for name in ("transport_delay", "dynamic_inflow")
+    ]
+    alone = {"effect": "gyro_filter", "chain": ["gyro_filter"], "indistinguishable": []}
+    assert not Flight({"hidden": hidden, **alone}).both_found
+    pair = {"indistinguishable_pairs": [["transport_delay", "dynamic_inflow"]]}
+    assert Flight({"hidden": hidden, **alone, **pair}).both_found
+    other = [{"level": "catalogue", "answer": "gyro_filter", "accepts": []}, hidden[1]]
+    assert not Flight({"hidden": other, **alone, **pair}).both_found, "one of either is no answer that was told"
+    known = {"level": "catalogue", "answer": "gyro_lag", "accepts": []}
+    two = {"effect": "gyro_filter", "indistinguishable": ["servo_lag", "gyro_lag"]}
+    assert Flight({"hidden": [known], **two}).right_in_class
+    assert not Flight({"hidden": [known], **two, **pair}).right_in_class, "a class of four"
+
+
 def test_what_is_right_is_counted_by_how_well_the_flight_shows_it() -> None:
     flights = [answered("catalogue", "missing", "servo_lag", detectability=size) for size in (0.5, 5.0, 6.0)]
     flights.append(answered("catalogue", "complete", hidden="servo_lag", detectability=7.0))

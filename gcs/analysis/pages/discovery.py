@@ -63,6 +63,7 @@ class Told(Open, frozen=True, kw_only=True):
     chain: tuple[str, ...] = ()
     stands_in: bool = False
     indistinguishable: tuple[str, ...] = ()
+    indistinguishable_pairs: tuple[tuple[str, ...], ...] = ()
     equivalent: dict[str, tuple[str, ...]] = {}
     confidence: float | None = None
     explained_share: float | None = None
@@ -97,7 +98,8 @@ class Told(Open, frozen=True, kw_only=True):
         """`missing: servo_lag (not to be told from gyro_lag), confidence 0.99`."""
         names = printable(listed(short_names(self.chain))) if self.chain else ""
         same = (*self.indistinguishable, *(name for others in self.equivalent.values() for name in others))
-        alike = [printable(name) for name in short_names(tuple(dict.fromkeys(same)))]
+        pairs = (" with ".join(short_names(pair)) for pair in self.indistinguishable_pairs)
+        alike = [printable(name) for name in (*short_names(tuple(dict.fromkeys(same))), *pairs)]
         sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
         if self.verdict == "complete":
             return f"complete: what is left {'is noise' if self.only_noise else 'does not matter'}{sure}"

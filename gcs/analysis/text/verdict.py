@@ -113,8 +113,9 @@ def _place(name: str, last: Diagnosis) -> str:
     return last.chain[0]
 
 
-def _alike(others: Sequence[str], gap: str = " ") -> str:
-    return f"{gap}(not to be told from {listed(short_names(others))})" if others else ""
+def _alike(others: Sequence[str], gap: str = " ", pairs: Sequence[Sequence[str]] = ()) -> str:
+    words = [*short_names(others), *(" with ".join(short_names(pair)) for pair in pairs)]
+    return f"{gap}(not to be told from {listed(words)})" if words else ""
 
 
 def _beside_the_other(name: str, last: Diagnosis) -> Ranked | None:
@@ -154,7 +155,7 @@ def answer(last: Diagnosis) -> str:
     if last.verdict == "missing":
         places = stand_ins(last)
         if len(last.chain) < 2:
-            return f"missing: {names}{_alike(places[last.chain[0]], '  ')}"
+            return f"missing: {names}{_alike(places[last.chain[0]], '  ', last.indistinguishable_pairs)}"
         each = [short_names([name])[0] + _alike(places[name]) for name in last.chain]
         return f"missing: {', and then '.join(each)}"
     if last.stands_in:

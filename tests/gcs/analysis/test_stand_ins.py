@@ -22,7 +22,7 @@ def missing(chain: tuple[str, ...], alike: tuple[str, ...], pairs: tuple[Any, ..
     others = [name for each in same["equivalent"].values() for name in each]
     return SimpleNamespace(
         verdict="missing", reason=None, winner=winner, chain=chain, indistinguishable=alike, pairs=(winner, *pairs),
-        candidates=(), not_told=tuple(dict.fromkeys((*alike, *others))), **same,
+        candidates=(), indistinguishable_pairs=(), not_told=tuple(dict.fromkeys((*alike, *others))), **same,
     )  # fmt: skip
 
 
@@ -70,3 +70,15 @@ def test_a_moment_back_to_level_is_the_answer_on_a_tether_and_nothing_else_is() 
     kept = told(document)
     assert kept is not None
     assert "on a tether or a stand; in free flight it stands in" in kept.answer
+
+
+def test_a_page_tells_the_pairs_that_do_together_what_the_answer_does() -> None:
+    kept = told({
+        "verdict": "missing", "chain": ["servo_second_order"], "confidence": 0.9, "indistinguishable": ["gyro_lag"],
+        "indistinguishable_pairs": [["transport_delay", "dynamic_inflow"]],
+    })  # fmt: skip
+    assert kept is not None
+    assert kept.answer == (
+        "missing: servo_second_order (not to be told from gyro_lag and transport_delay with dynamic_inflow), "
+        "confidence 0.90"
+    )

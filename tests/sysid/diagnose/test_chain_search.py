@@ -56,6 +56,30 @@ def test_beside_one_that_only_stands_in_and_leaves_noise_others_are_tried(monkey
     assert not search_of(False, lag).search([lag])
 
 
+@pytest.mark.parametrize(
+    ("explained", "implausible", "order"),
+    [
+        (300.0, (), ["servo_lag", "stabiliser_bar"]),
+        (240.0, (), ["stabiliser_bar", "servo_lag"]),
+        (300.0, ("tau_s",), ["stabiliser_bar"]),
+    ],
+)
+def test_of_two_that_explain_nearly_the_same_the_plausible_one_is_begun_with(
+    explained: float, implausible: tuple[str, ...], order: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Servos that ring, which only stood in, explained as much as the play that was there beside an inflow."""
+    begun: list[str] = []
+    monkeypatch.setattr(chains, "do_else", lambda *_: True)
+    monkeypatch.setattr(chains._Chains, "begin_with", lambda _, one: begun.append(one.effect))
+    bar, lag = alone("stabiliser_bar", 320.0, ("tau_b",)), alone("servo_lag", explained, implausible)
+    search_of(False, bar, lag).search([bar, lag])
+    assert begun == order
+    begun.clear()
+    likeliest = replace(bar, implausible=())
+    search_of(False, likeliest, lag).search([likeliest, lag])
+    assert begun[0] == "stabiliser_bar"
+
+
 @pytest.mark.parametrize("left", [0.0, 20.0, 30.0])
 def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begun(
     left: float, monkeypatch: pytest.MonkeyPatch
@@ -189,7 +213,8 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     names = [one.effect for one in search.like_beside("attitude_stiffness", "gyro_filter")]
     assert names == ["gyro_filter", "gyro_lag"]
     assert "attitude_stiffness" in [one.effect for one in search.like_alone("speed_stability")]
-    assert [one.effect for one in search.like_alone("slipstream_wing")] == ["slipstream_wing"], "what is plausible"
+    plausible = [one.effect for one in search.like_alone("slipstream_wing")]
+    assert plausible == ["attitude_stiffness", "slipstream_wing"], "what is plausible, and what a tether would be"
 
 
 def test_the_best_chain_is_asked_what_stands_beside_either_half(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -116,6 +116,13 @@ def test_a_tether_is_no_doubtful_value() -> None:
     assert doubtful(replace(tied, outside=("L_phi", "half_width"))) == {"half_width"}
 
 
+def test_what_a_tether_would_be_takes_the_place_of_a_half_too() -> None:
+    tied, wing = alone("attitude_stiffness", 454.0, ("L_phi",)), alone("slipstream_wing", 436.0, ("L_w",))
+    search = search_of(tied, wing, alone("servo_backlash", 177.0))
+    assert [*search.alone] == ["attitude_stiffness", "servo_backlash"]
+    assert [*search.single] == ["attitude_stiffness", "slipstream_wing", "servo_backlash"]
+
+
 def test_play_on_a_tether_is_told_before_what_alone_resembles_both(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "misfit", lambda *_: 10.0)
     both = alone("", 890.0, ("L_phi", "M_theta"), ("servo_backlash", "attitude_stiffness"))
