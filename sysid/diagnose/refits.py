@@ -230,11 +230,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
         return replace(one, fit=None)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
     near = begin if by_score else near
-    fit, failure = None, ""
-    if shows and near is None and begin is not None and composed.linear:
-        fit = _kept(refit_or_reason(composed, parent, one.effects, begin)[0], parent, one)
-    if fit is None:
-        fit, failure = refit_or_reason(composed, parent, one.effects, near)
+    fit, failure = _begun(composed, parent, one, begin if shows else None, near)
     astray = False
     if begin is not None and shows:
         fit, astray = _as_promised(fit, composed, parent, one, begin)
@@ -248,6 +244,19 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     if begin is not None and shows:
         fit = _gone_on(fit, parent, one, begin)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
+
+
+def _begun(
+    composed: Structure, parent: Candidate, one: Ranked, scored: Model | None, near: Model | None
+) -> tuple[Candidate | None, str]:
+    """The refit, or why there is none. Of what is linear from where it `scored`, where it keeps that promise: to look
+    at every beginning costs three times as much."""
+    if near is None and scored is not None and one.score is not None and composed.linear:
+        fit, _ = refit_or_reason(composed, parent, one.effects, scored)
+        promised = NEARLY_KEPT * one.score.chi_squared
+        if fit is not None and not _astray(fit, parent) and explained_by(fit, parent, parent.metric) >= promised:
+            return fit, ""
+    return refit_or_reason(composed, parent, one.effects, near)
 
 
 def does_nothing(fit: Candidate, effects: Sequence[str]) -> bool:
@@ -292,14 +301,6 @@ def _as_promised(
     if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
         return fit, False
     return again, True
-
-
-def _kept(fit: Candidate | None, parent: Candidate, one: Ranked) -> Candidate | None:
-    """The fit from where the score was, where it keeps that promise; None where it does not."""
-    assert one.score is not None
-    if fit is None or _astray(fit, parent):
-        return None
-    return fit if explained_by(fit, parent, parent.metric) >= NEARLY_KEPT * one.score.chi_squared else None
 
 
 def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Candidate:
