@@ -10,7 +10,7 @@ what is asked of such a fit is answered about the wrong vehicle.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -409,10 +409,7 @@ def _next(found: Diagnosis) -> NextManeuver | None:
         return None
     if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
         return linear_or_not(found.parent, found.division)
-    others = found.candidates if len(found.chain) == 1 else found.pairs
-    parts = [one for one in found.pairs if one.effects in found.indistinguishable_pairs]
-    near = [*(one for one in others if set(one.effects) & {*found.not_told}), *parts]
-    rivals = [one.fit for one in near if one.fit is not None]
+    rivals = [one.fit for one in _not_told(found) if one.fit is not None]
     if not rivals and (second := rival(found)) is not None and second.fit is not None:
         rivals = [second.fit]
     if not rivals:
@@ -421,6 +418,13 @@ def _next(found: Diagnosis) -> NextManeuver | None:
     doublets = not any(chirps_only(one) for one in found.parent.dataset.records)
     unfitted = None if found.thinned is not None else found.validation
     return next_maneuver(asked, winner.fit.division, found.whitening, doublets=doublets, unfitted=unfitted)
+
+
+def _not_told(found: Diagnosis) -> Iterator[Ranked]:
+    """Of the same runs, what the data cannot tell from the winner."""
+    others = found.candidates if len(found.chain) == 1 else found.pairs
+    yield from (one for one in others if set(one.effects) & {*found.not_told})
+    yield from (one for one in found.pairs if one.effects in found.indistinguishable_pairs)
 
 
 def rival(found: Diagnosis) -> Ranked | None:

@@ -229,20 +229,17 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     if by_score and begin is None:
         return replace(one, fit=None)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
-    near = begin if by_score else near
-    fit, failure = _begun(composed, parent, one, begin if shows else None, near)
-    astray = False
-    if begin is not None and shows:
-        fit, astray = _as_promised(fit, composed, parent, one, begin)
+    near, scored, astray = begin if by_score else near, begin if shows else None, False
+    fit, failure = _begun(composed, parent, one, scored, near)
+    if scored is not None:
+        fit, astray = _as_promised(fit, composed, parent, one, scored)
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = _likelier(predicting(fit, parent), fit, parent)
     if begin is not None and not composed.linear:  # in a loop, what acts on samples: powers lead to another size
         fit = _likelier(predicting(fit, parent, begin), fit, parent)
-    fit = moved_on(fit, parent, astray)
-    if begin is not None and shows:
-        fit = _gone_on(fit, parent, one, begin)
+    fit = _gone_on(moved_on(fit, parent, astray), parent, one, scored)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
 
@@ -303,14 +300,12 @@ def _as_promised(
     return again, True
 
 
-def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Candidate:
+def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model | None) -> Candidate:
     """The fit of a linear entry; where it explains clearly less than the score promised a better one, if there is one,
     by the noise from where that was."""
-    assert one.score is not None
-    promised = NEARLY_KEPT * one.score.chi_squared
-    if not (fit.model.structure.linear and parent.division.measured):
+    if begin is None or one.score is None or not (fit.model.structure.linear and parent.division.measured):
         return fit
-    if explained_by(fit, parent, parent.metric) >= promised:
+    if explained_by(fit, parent, parent.metric) >= NEARLY_KEPT * one.score.chi_squared:
         return fit
     return begun_at(fit, parent, begin.by_name) or fit
 

@@ -281,8 +281,7 @@ def _answer(
     compared = _compared(winner, reference) if enough and not stands_in else ()
     missing = enough and not stands_in and _hold(compared)
     peers = singles if len(chain) == 1 else pairs
-    parts = [one for one in pairs if _is_part_of(winner, one)]
-    among = _declared(winner, _answers([*peers, *parts], shares, enough), singles, pairs)
+    among = _declared(winner, _answers([*peers, *_parts_of(winner, pairs)], shares, enough), singles, pairs)
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
     told = _told(winner, among, ratio, shares, reference, None)
@@ -305,10 +304,11 @@ def _answer(
     )
 
 
-def _is_part_of(winner: Ranked, pair: Ranked) -> bool:
-    """Whether a single effect may be made of this pair."""
+def _parts_of(winner: Ranked, pairs: Sequence[Ranked]) -> list[Ranked]:
+    """The pairs that a single effect may be made of."""
     known = catalogue().get(winner.effect) if len(winner.effects) == 1 else None
-    return known is not None and any(set(pair.effects) == {*parts} for parts in known.made_of)
+    made_of = [] if known is None else [{*parts} for parts in known.made_of]
+    return [one for one in pairs if {*one.effects} in made_of]
 
 
 def _only_resembles(chain: Ranked, named: float, told: float) -> bool:

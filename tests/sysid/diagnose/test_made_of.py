@@ -53,12 +53,10 @@ def test_its_parts_are_fitted_together_where_both_can_be_asked(
 
 
 def test_a_pair_is_part_of_a_single_effect_alone() -> None:
-    pair = unasked("dynamic_inflow", "transport_delay")
-    assert verdict._is_part_of(unasked("gyro_filter"), pair)
-    assert not verdict._is_part_of(unasked("servo_lag"), pair)
-    assert not verdict._is_part_of(unasked("gyro_filter", "servo_backlash"), pair)
-    assert not verdict._is_part_of(unasked("a_user_s_own"), pair)
-    assert not verdict._is_part_of(unasked("gyro_filter"), unasked("gyro_lag", "dynamic_inflow"))
+    pairs = [unasked("dynamic_inflow", "transport_delay"), unasked("gyro_lag", "dynamic_inflow")]
+    assert verdict._parts_of(unasked("gyro_filter"), pairs) == pairs[:1]
+    for other in (("servo_lag",), ("gyro_filter", "servo_backlash"), ("a_user_s_own",)):
+        assert not verdict._parts_of(unasked(*other), pairs)
 
 
 def test_it_is_said_in_the_verdict() -> None:
