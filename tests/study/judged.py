@@ -84,6 +84,11 @@ class Flight:
         return flight is None or bool(flight["loop_told"]) or flight["log_hz"] == flight["loop_hz"]
 
     @property
+    def samples(self) -> int | None:
+        """Of all its runs; None where that was not kept."""
+        return self.said.get("flight", {}).get("samples")
+
+    @property
     def detectability(self) -> float | None:
         """Times what is just detectable, by the truth; known of strangers alone, and None where nothing is hidden."""
         told = self.said.get("detectability")

@@ -20,8 +20,8 @@ FALSE_ALARMS = (0.01, 0.05)
 ROC_LEAST = 6
 """Flights of an entry, to be listed."""
 Z_FAR = 3.0
-LONGEST_S = 2.0, 5.0
-"""CPU seconds of a diagnosis: median and 95th percentile."""
+LONGEST_S, MOST_SAMPLES = (2.0, 5.0), 60_000
+"""CPU seconds of a diagnosis, median and 95th percentile, of runs that have so many samples together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,12 +174,16 @@ def seconds(flights: Sequence[Flight]) -> list[str]:
     """Of computing: diagnoses against their limit, and the flights, which are the study's own."""
     if not flights:
         return []
-    median, late, longest = _quantiles([one.said["seconds"] for one in flights])
-    words = "pass" if median <= LONGEST_S[0] and late <= LONGEST_S[1] else "FAIL"
-    lines = [
-        f"CPU seconds of a diagnosis: median {median:.1f}, 95th percentile {late:.1f}, longest {longest:.1f} "
-        f"(<= {LONGEST_S[0]:g}, {LONGEST_S[1]:g}: {words})"
-    ]
+    few = [one for one in flights if one.samples is not None and one.samples <= MOST_SAMPLES]
+    lines = []
+    for told, some in (("a diagnosis", flights), (f"those of {MOST_SAMPLES:,} samples at most", few)):
+        if some:
+            median, late, longest = _quantiles([one.said["seconds"] for one in some])
+            words = "pass" if median <= LONGEST_S[0] and late <= LONGEST_S[1] else "FAIL"
+            lines.append(
+                f"CPU seconds of {told}: median {median:.1f}, 95th percentile {late:.1f}, longest {longest:.1f} "
+                f"(<= {LONGEST_S[0]:g}, {LONGEST_S[1]:g}: {words}), {len(some)} flights"
+            )
     if flown := [one.said["flight_seconds"] for one in flights if "flight_seconds" in one.said]:
         median, late, longest = _quantiles(flown)
         lines.append(

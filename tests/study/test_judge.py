@@ -9,7 +9,7 @@ import pytest
 from intervals import area_under, reliability, threshold_at, wilson
 from judge import report
 from judged import Flight, load
-from must_show import base_errors, by_detectability, must_show
+from must_show import base_errors, by_detectability, must_show, seconds
 
 
 @pytest.mark.parametrize(
@@ -216,3 +216,16 @@ def test_the_report_of_a_few_flights_holds_every_block() -> None:
     text = report([answered("none", "complete"), answered("catalogue", "missing", "servo_lag")], by_size=True)
     for words in ("must show", "reliability", "CPU seconds", "alarms on clean strangers", "by size", "confidence of a"):
         assert words in text
+
+
+def test_seconds_are_told_of_runs_as_long_as_their_limit_is_meant_for() -> None:
+    flights = [answered("none", "complete", seconds=taken) for taken in (1.0, 1.0, 9.0)]
+    assert [line.split(", longest")[0] for line in seconds(flights)] == [
+        "CPU seconds of a diagnosis: median 1.0, 95th percentile 9.0"
+    ]
+    for one, samples in zip(flights, (20_000, 60_000, 60_001), strict=True):
+        one.said["flight"] = {"samples": samples}
+    lines = seconds(flights)
+    assert "FAIL" in lines[0]
+    assert lines[1].startswith("CPU seconds of those of 60,000 samples at most: median 1.0, 95th percentile 1.0")
+    assert lines[1].endswith("pass), 2 flights")

@@ -71,6 +71,11 @@ class Plan:
         return self.loop_hz / self.every
 
     @property
+    def samples(self) -> int:
+        """Of all runs, logged."""
+        return sum(round((one.duration_s + 2 * REST_S) * self.log_hz) for one in self.card)
+
+    @property
     def fitted(self) -> int:
         return sum(one.fitted for one in self.card)
 
@@ -87,6 +92,7 @@ class Plan:
             "card": [f"{one.kind} {one.axis} {'fitted' if one.fitted else 'judging'}" for one in self.card],
             "loop_hz": self.loop_hz,
             "log_hz": self.log_hz,
+            "samples": self.samples,
             "loop_told": self.loop_told,
             "excitation_logged": self.excitation_logged,
             "logged": list(self.logged),
