@@ -55,6 +55,7 @@ def page(found: Signature) -> str:
         "part of": linked(effect.absorbed_by),
         "contains": linked(effect.contains),
         "same as": linked(effect.same_as),
+        "or two together": "; ".join(linked(pair) for pair in effect.made_of),
         "in place of": ", ".join(f"`{name}`" for name in effect.replaces),
         "acts on": effect.stage.name.lower(),
         "linear": "yes" if effect.linear else "no",

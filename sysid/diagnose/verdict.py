@@ -265,14 +265,33 @@ class _Answer:
     explained_share: float | None = None
     lead: float | None = None
     outdone: bool = False
+    doubtful: bool = False
+    """Whether it is a chain that likelier only resembles what is there."""
     sizes: tuple[Size, ...] = ()
 
 
 def _answer(
     singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: Shares, reference: Reference, chance: float
 ) -> _Answer:
-    """Where there is something to explain: whether an effect, or a chain of two, does it."""
-    winner = _winner(singles, pairs, reference)
+    """Where there is something to explain: whether an effect, or a chain of two, does it. In a loop, where chains are
+    least sure, a single effect stays named where the chain that seems likelier is none to name."""
+    answer = _by(_winner(singles, pairs, reference), singles, pairs, shares, reference, chance=chance)
+    if answer.doubtful and not reference.parent.division.measured:
+        alone = _by(choice.winner(singles, ()), singles, (), shares, reference, chance=chance)
+        return alone if alone.verdict == "missing" else answer
+    return answer
+
+
+def _by(
+    winner: Ranked | None,
+    singles: Sequence[Ranked],
+    pairs: Sequence[Ranked],
+    shares: Shares,
+    reference: Reference,
+    *,
+    chance: float,
+) -> _Answer:
+    """What is said where this one is likeliest."""
     if winner is None or winner.fit is None:
         sure = _of_unexplained(None, chance, 0.0, reference, shares)
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
@@ -300,6 +319,7 @@ def _answer(
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
         outdone=doubtful or shares.outdone(winner),
+        doubtful=doubtful,
         sizes=compared,
     )
 

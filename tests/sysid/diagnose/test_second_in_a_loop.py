@@ -3,6 +3,7 @@ crumbs at most."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,7 +12,7 @@ import pytest
 from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
-from sysid.diagnose import chains, choice
+from sysid.diagnose import chains, choice, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import LEFT_BESIDE, SURELY_BESIDE, _Chains
 from sysid.diagnose.choice import SURELY_BOTH, both_surely
@@ -123,3 +124,32 @@ def test_two_are_named_where_one_leaves_crumbs_by_power(monkeypatch: pytest.Monk
     assert (found.verdict, set(found.chain)) == ("missing", {"servo_lag", "slipstream_wing"})
     monkeypatch.setattr(choice, "SURELY_BOTH", 1e6)
     assert ask_runs(runs, chains=True).chain == ("lag_per_axis",)
+
+
+@pytest.mark.parametrize(
+    ("measured", "doubtful", "alone", "named"),
+    [
+        (False, True, "missing", True),
+        (False, True, "unexplained", False),
+        (False, False, "missing", False),
+        (True, True, "missing", False),
+    ],
+)
+def test_a_single_name_stays_in_a_loop_where_the_likelier_chain_is_not_sure_enough(
+    measured: bool, doubtful: bool, alone: str, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An inflow at 0.90, and beside it any of three kinds of lateness: at 0.30 the two were none to name."""
+    chain = verdict._Answer(verdict="unexplained", chain=("dynamic_inflow", "gyro_lag"), confidence=0.85)
+    single = verdict._Answer(verdict=alone, chain=("dynamic_inflow",), confidence=0.9)
+    chain = replace(chain, doubtful=doubtful)
+
+    def by(_: object, __: object, pairs: Sequence[object], *___: object, chance: float) -> object:
+        assert chance == -1e3
+        return chain if pairs else single
+
+    monkeypatch.setattr(verdict, "_by", by)
+    monkeypatch.setattr(verdict, "_winner", lambda *_: None)
+    parent = SimpleNamespace(division=SimpleNamespace(measured=measured))
+    pairs = cast("Any", [None])
+    found = verdict._answer((), pairs, cast("Any", None), cast("Any", SimpleNamespace(parent=parent)), -1e3)
+    assert found is (single if named else chain)
