@@ -92,11 +92,11 @@ def chains_of_two(
         return ChainSearch()
     chains = _Chains(fitted, reference, say, budget, named is not None)
     little = chains.little(able, named, limit or Limit())
-    chains.parts_of(named or able[0], singles)
+    parts = chains.parts_of(named or able[0], singles)
     if little is None:
         return chains.told()
     unsearched = chains.unsearched if chains.interrupted else little.unsearched
-    return replace(chains.told(), unsearched=unsearched)
+    return ChainSearch(tuple(sorted(parts, key=rank)), unsearched)
 
 
 def _of_little(named: Ranked, reference: Reference, limit: Limit) -> ChainSearch | None:
@@ -133,15 +133,15 @@ class _Chains(FittedChains):
             little = ChainSearch()  # the best one alone leaves noise
         return None if named is not None and self.surely_beside(named) else little
 
-    def parts_of(self, whole: Ranked, singles: Sequence[Ranked]) -> None:
-        """Fit the pairs of other effects that may do together what this one does."""
+    def parts_of(self, whole: Ranked, singles: Sequence[Ranked]) -> list[Ranked]:
+        """The pairs of other effects that may do together what this one does, fitted."""
         testable = {one.effect for one in singles if one.not_testable is None}
         known = catalogue().get(whole.effect)
-        for one, other in () if known is None else known.made_of:
-            if {one, other} <= testable and names_of(one, other) not in self.found:
-                beside = self.fitted_alone(_unasked(one))
-                if beside is not None:
-                    self.fit(beside, _unasked(other))
+        pairs = [pair for pair in (known.made_of if known else ()) if testable.issuperset(pair)]
+        for one, other in pairs:
+            if names_of(one, other) not in self.found and (beside := self.fitted_alone(_unasked(one))) is not None:
+                self.fit(beside, _unasked(other))
+        return [self.found[names_of(*pair)] for pair in pairs if names_of(*pair) in self.found]
 
     def search(self, able: Sequence[Ranked]) -> bool:
         """Begin with the best of the able, then with the halves of the best chain; False where the very best alone

@@ -44,11 +44,11 @@ def test_its_parts_are_fitted_together_where_both_can_be_asked(
     search = chains._Chains((), cast("Any", None), lambda _: None, None, answered=True)
     singles = [unasked("servo_second_order"), unasked("transport_delay"), unasked("servo_lag")]
     asked = [*singles, unasked("dynamic_inflow", not_testable=why_not)]
-    search.parts_of(asked[0], asked)
+    assert search.parts_of(asked[0], asked) == [], "none has a fit here"
     assert fitted == ([] if why_not else [("transport_delay", "dynamic_inflow")])
     search.parts_of(unasked("servo_lag"), asked)
-    search.found["dynamic_inflow", "transport_delay"] = unasked("transport_delay", "dynamic_inflow")
-    search.parts_of(asked[0], asked)
+    both = search.found["dynamic_inflow", "transport_delay"] = unasked("transport_delay", "dynamic_inflow")
+    assert search.parts_of(asked[0], asked) == ([] if why_not else [both])
     assert len(fitted) == (not why_not), "once, and nothing of what is made of nothing"
 
 
@@ -86,5 +86,5 @@ def test_a_delay_with_an_inflow_is_named_where_it_is_likelier(monkeypatch: pytes
     assert (found.verdict, set(found.chain)) == ("missing", {"transport_delay", "dynamic_inflow"})
     assert found.winner is not None
     assert found.winner.values["T_d"] == pytest.approx(flown.hidden.sizes[0]["T_d"], rel=0.15)
-    monkeypatch.setattr(chains._Chains, "parts_of", lambda *_: None)
+    monkeypatch.setattr(chains._Chains, "parts_of", lambda *_: [])
     assert set(ask(flown).first.chain) != {"transport_delay", "dynamic_inflow"}
