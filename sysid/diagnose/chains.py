@@ -36,11 +36,11 @@ LEAST_OF_BEST = 0.1
 """Of what the best effect explains, that another explains to begin a chain: what is less is found beside the best."""
 SECONDS = 4
 """How many effects are refitted on each of them."""
-HOPEFUL = 0.9
+HOPEFUL = 0.88
 """Of the chi squared that there is, that the best chain from the likeliest effect explains at least for others to be
 looked for: on strangers that judgements had spent it explained 0.94 by then where a chain of two was the answer (28 of
-28, and 12 of 13 later ones; 0.89 of the last, which was found by then), and less than this in 18 of 25 searches of what
-the catalogue does not have, which went on for up to four seconds, and found a wrong answer once."""
+28, and 12 of 13 later ones; 0.89 of the last), and less than this in 17 of 25 searches of what the catalogue does not
+have. Such as went on from 0.8 found one wrong answer, in up to four seconds more."""
 HOPELESS = 0.5
 """The same of the effect that promises most beside it, below which no other is tried beside it: of 24 right chains of
 two the least explained 0.59 by then, and 22 of 70 others less than half. Nor is anything put in a doubtful half's place
