@@ -37,8 +37,8 @@ LEAST_OF_BEST = 0.1
 SECONDS = 4
 """How many effects are refitted on each of them."""
 HOPEFUL = 0.88
-"""Of the chi squared that there is, that the best chain from the likeliest effect explains at least for others to be
-looked for: on strangers that judgements had spent it explained 0.94 by then where a chain of two was the answer (28 of
+"""Of the chi squared that there is, that the best chain from the first effect explains at least for others to be looked
+for: on strangers that judgements had spent it explained 0.94 by then where a chain of two was the answer (28 of
 28, and 12 of 13 later ones; 0.89 of the last), and less than this in 17 of 25 searches of what the catalogue does not
 have. Such as went on from 0.8 found one wrong answer, in up to four seconds more."""
 HOPELESS = 0.5

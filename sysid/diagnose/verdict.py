@@ -277,7 +277,7 @@ def _answer(
     least sure, a single effect stays named where the chain that seems likelier is none to name."""
     answer = _by(_winner(singles, pairs, reference), singles, pairs, shares, reference, chance=chance)
     if answer.doubtful and not reference.parent.division.measured:
-        alone = _by(choice.winner(singles, ()), singles, (), shares, reference, chance=chance)
+        alone = _by(choice.winner(singles, ()), singles, pairs, shares, reference, chance=chance)
         return alone if alone.verdict == "missing" else answer
     return answer
 

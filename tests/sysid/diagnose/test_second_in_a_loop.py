@@ -3,7 +3,6 @@ crumbs at most."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -143,13 +142,14 @@ def test_a_single_name_stays_in_a_loop_where_the_likelier_chain_is_not_sure_enou
     single = verdict._Answer(verdict=alone, chain=("dynamic_inflow",), confidence=0.9)
     chain = replace(chain, doubtful=doubtful)
 
-    def by(_: object, __: object, pairs: Sequence[object], *___: object, chance: float) -> object:
+    def by(winner: object, *_: object, chance: float) -> object:
         assert chance == -1e3
-        return chain if pairs else single
+        return {"chain": chain, "single": single}[str(winner)]
 
     monkeypatch.setattr(verdict, "_by", by)
-    monkeypatch.setattr(verdict, "_winner", lambda *_: None)
+    monkeypatch.setattr(verdict, "_winner", lambda *_: "chain")
+    monkeypatch.setattr(choice, "winner", lambda _, pairs: "chain" if pairs else "single")
     parent = SimpleNamespace(division=SimpleNamespace(measured=measured))
-    pairs = cast("Any", [None])
-    found = verdict._answer((), pairs, cast("Any", None), cast("Any", SimpleNamespace(parent=parent)), -1e3)
+    reference = cast("Any", SimpleNamespace(parent=parent))
+    found = verdict._answer((), cast("Any", [None]), cast("Any", None), reference, -1e3)
     assert found is (single if named else chain)
