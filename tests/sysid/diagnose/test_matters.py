@@ -104,7 +104,10 @@ def test_a_trace_that_no_entry_is_likelier_for_is_complete_though_margins_hardly
     assert (answer.verdict, answer.confidence) == ("complete", 0.7)
     for other in (replace(trace, log_chance=math.log(1e-8)), replace(trace, chain=("x",))):
         assert judged(other, unknown) is other
-    assert judged(trace, replace(unknown, within_points=0.4)) is trace
+    assert judged(trace, replace(unknown, within_points=0.45)).verdict == "complete"
+    assert judged(trace, replace(unknown, within_points=0.55)) is trace
+    more = replace(clean, verdict="unexplained", log_chance=math.log(1e-9), chain=("x",))
+    assert judged(more, replace(LEFT, within_points=0.4)) is more, "what is plainly seen, or resembles an entry"
 
 
 @pytest.mark.usefixtures("few_effects_in_module")
