@@ -36,11 +36,12 @@ LEAST_OF_BEST = 0.1
 """Of what the best effect explains, that another explains to begin a chain: what is less is found beside the best."""
 SECONDS = 4
 """How many effects are refitted on each of them."""
-HOPEFUL = 0.88
+HOPEFUL, HOPEFUL_IN_A_LOOP = 0.88, 0.8
 """Of the chi squared that there is, that the best chain from the first effect explains at least for others to be looked
 for: on strangers that judgements had spent it explained 0.94 by then where a chain of two was the answer (28 of
 28, and 12 of 13 later ones; 0.89 of the last), and less than this in 17 of 25 searches of what the catalogue does not
-have. Such as went on from 0.8 found one wrong answer, in up to four seconds more."""
+have. Such as went on from 0.8 found one wrong answer, in up to four seconds more. Where no excitation is logged what is
+left is told less well: there a limit beside a hub was found that had less."""
 HOPELESS = 0.5
 """The same of the effect that promises most beside it, below which no other is tried beside it: of 24 right chains of
 two the least explained 0.59 by then, and 22 of 70 others less than half. Nor is anything put in a doubtful half's place
@@ -150,6 +151,7 @@ class _Chains(FittedChains):
         # what only stands in may be far from any half: what is plausible and explains nearly as much is begun with
         begin = next((one for one in waiting if not impossible(one) and _as_much(one, able[0])), able[0])
         waiting.sort(key=lambda one: one is not begin)
+        hopeful = HOPEFUL if self.measured else HOPEFUL_IN_A_LOOP
         while waiting and len(done) < MOST_FIRSTS:
             first = waiting.pop(0)
             done.add(first.effect)
@@ -157,10 +159,10 @@ class _Chains(FittedChains):
                 if first is able[0] and not first.implausible and not self.found:
                     return False
                 continue
-            if self.found and first is begin and _explained(self.best) < HOPEFUL:
+            if self.found and first is begin and _explained(self.best) < hopeful:
                 if _explained(self.best) >= HOPELESS:
                     self.exchange_doubtful()
-                if (explained := _explained(self.best)) < HOPEFUL:
+                if (explained := _explained(self.best)) < hopeful:
                     self.given_up = MuchLeft(self.best.effects, explained)
                     return True
             if self.found and self.leaves_noise(self.best):
@@ -170,6 +172,11 @@ class _Chains(FittedChains):
                 waiting = self.halves_of_the_best(done)
         self.improve()
         return True
+
+    @property
+    def measured(self) -> bool:
+        """Whether an excitation is logged."""
+        return self.reference.parent.division.measured
 
     def surely_beside(self, named: Ranked) -> bool:
         """Whether a second effect is surely beside one that leaves crumbs, where that need not show by power: in a loop

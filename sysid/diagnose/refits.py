@@ -246,14 +246,19 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
 def _begun(
     composed: Structure, parent: Candidate, one: Ranked, scored: Model | None, near: Model | None
 ) -> tuple[Candidate | None, str]:
-    """The refit, or why there is none. Of what is linear from where it `scored`, where it keeps that promise: to look
-    at every beginning costs three times as much."""
-    if near is None and scored is not None and one.score is not None and composed.linear:
+    """The refit, or why there is none; from where it `scored`, where it keeps that promise: to look at every beginning
+    costs three times as much. Of what has one valley: not where slow modes may have led the parent astray."""
+    if near is None and scored is not None and one.score is not None and _one_valley(composed, one.score):
         fit, _ = refit_or_reason(composed, parent, one.effects, scored)
         promised = NEARLY_KEPT * one.score.chi_squared
         if fit is not None and not _astray(fit, parent) and explained_by(fit, parent, parent.metric) >= promised:
             return fit, ""
     return refit_or_reason(composed, parent, one.effects, near)
+
+
+def _one_valley(composed: Structure, score: Score) -> bool:
+    slow = any(effect.attitude for effect in composed.composed)
+    return composed.linear and score.tried <= FEW_POINTS and not slow
 
 
 def does_nothing(fit: Candidate, effects: Sequence[str]) -> bool:

@@ -18,8 +18,9 @@ from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
 
-def search_of(answered: bool, *single: Ranked) -> chains._Chains:
-    return chains._Chains(single, cast("Any", None), lambda _: None, None, answered)
+def search_of(answered: bool, *single: Ranked, measured: bool = True) -> chains._Chains:
+    parent = SimpleNamespace(division=SimpleNamespace(measured=measured))
+    return chains._Chains(single, cast("Any", SimpleNamespace(parent=parent)), lambda _: None, None, answered)
 
 
 def scored(name: str, chi_squared: float) -> Ranked:
@@ -80,13 +81,13 @@ def test_of_two_that_explain_nearly_the_same_the_plausible_one_is_begun_with(
     assert begun[0] == "stabiliser_bar"
 
 
-@pytest.mark.parametrize("left", [0.0, 10.0, 14.0])
+@pytest.mark.parametrize(("left", "measured"), [(0.0, True), (10.0, True), (14.0, True), (14.0, False), (26.0, False)])
 def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begun(
-    left: float, monkeypatch: pytest.MonkeyPatch
+    left: float, measured: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[str] = []
     bar, lag = alone("stabiliser_bar", 320.0), alone("servo_lag", 180.0)
-    search = search_of(False, bar, lag)
+    search = search_of(False, bar, lag, measured=measured)
 
     def begin(_: object, one: Ranked) -> bool:
         begun.append(one.effect)
@@ -101,10 +102,10 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: begun.append("exchanged"))
     monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})
     assert search.search([bar, lag])
-    expected = {0.0: ["stabiliser_bar", "exchanged"], 10.0: ["stabiliser_bar", "servo_lag", "exchanged"]}
-    assert begun == expected.get(left, ["stabiliser_bar"])
-    given_up = MuchLeft(("stabiliser_bar", "rotor_speed"), 100 / 114)
-    assert search.unsearched == (given_up if left == 14 else None)
+    given_up = left > (12 if measured else 25)
+    both = ["stabiliser_bar"] if left == 0 or given_up else ["stabiliser_bar", "servo_lag"]
+    assert begun == [*both, *(() if given_up else ("exchanged",))]
+    assert search.unsearched == (MuchLeft(("stabiliser_bar", "rotor_speed"), 100 / (100 + left)) if given_up else None)
 
 
 @pytest.mark.parametrize("left", [99.0, 101.0])

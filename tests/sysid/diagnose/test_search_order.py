@@ -126,6 +126,18 @@ def test_a_refit_that_keeps_what_its_score_promises_begins_nowhere_else(
     assert begun == [None]
 
 
+def test_what_may_have_several_valleys_is_looked_for_in_all() -> None:
+    def composed(effect: str) -> Any:
+        return SimpleNamespace(composed=(catalogue()[effect],), linear=catalogue()[effect].linear)
+
+    score = scored("gyro_filter", 990.0).score
+    assert score is not None
+    assert refits._one_valley(composed("gyro_filter"), score)
+    assert not refits._one_valley(composed("gyro_filter"), replace(score, tried=refits.FEW_POINTS + 1))
+    assert not refits._one_valley(composed("speed_stability"), score), "slow modes may have led the base astray"
+    assert not refits._one_valley(composed("servo_rate_limit"), score)
+
+
 def test_entries_of_the_same_equations_name_each_other() -> None:
     known = catalogue()
     for name, effect in known.items():
