@@ -230,7 +230,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
         return replace(one, fit=None)
     shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
     near, scored, astray = begin if by_score else near, begin if shows else None, False
-    fit, failure = _begun(composed, parent, one, scored, near)
+    fit, failure = refit_or_reason(composed, parent, one.effects, near)
     if scored is not None:
         fit, astray = _as_promised(fit, composed, parent, one, scored)
     if fit is None:
@@ -241,24 +241,6 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
         fit = _likelier(predicting(fit, parent, begin), fit, parent)
     fit = _gone_on(moved_on(fit, parent, astray), parent, one, scored)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
-
-
-def _begun(
-    composed: Structure, parent: Candidate, one: Ranked, scored: Model | None, near: Model | None
-) -> tuple[Candidate | None, str]:
-    """The refit, or why there is none; from where it `scored`, where it keeps that promise: to look at every beginning
-    costs three times as much. Of what has one valley: not where slow modes may have led the parent astray."""
-    if near is None and scored is not None and one.score is not None and _one_valley(composed, one.score):
-        fit, _ = refit_or_reason(composed, parent, one.effects, scored)
-        promised = NEARLY_KEPT * one.score.chi_squared
-        if fit is not None and not _astray(fit, parent) and explained_by(fit, parent, parent.metric) >= promised:
-            return fit, ""
-    return refit_or_reason(composed, parent, one.effects, near)
-
-
-def _one_valley(composed: Structure, score: Score) -> bool:
-    slow = any(effect.attitude for effect in composed.composed)
-    return composed.linear and score.tried <= FEW_POINTS and not slow
 
 
 def does_nothing(fit: Candidate, effects: Sequence[str]) -> bool:

@@ -93,51 +93,6 @@ def test_a_refit_that_fails_leaves_none_of_an_earlier_one(monkeypatch: pytest.Mo
     assert (after.fit, after.not_testable) == (None, "the response does not settle")
 
 
-@pytest.mark.parametrize("explained", [100.0, 899.0])
-def test_a_refit_that_keeps_what_its_score_promises_begins_nowhere_else(
-    explained: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """To look at every beginning costs three times as much."""
-    begun: list[object] = []
-
-    def refit(*asked: object) -> tuple[Any, str]:
-        begun.append(asked[-1])
-        return Left(0.1), ""
-
-    monkeypatch.setattr(refits, "composed_with", lambda *_: SimpleNamespace(composed=(), linear=True))
-    monkeypatch.setattr(refits, "refit_or_reason", refit)
-    monkeypatch.setattr(refits, "as_scored", lambda *_: "where the score was")
-    monkeypatch.setattr(refits, "linear_dynamics", lambda _: True)
-    monkeypatch.setattr(refits, "goes_by_its_score", lambda *_: False)
-    monkeypatch.setattr(refits, "explained_by", lambda *_: explained)
-    monkeypatch.setattr(refits, "_as_promised", lambda fit, *_: (fit, False))
-    for same in ("moved_on", "_gone_on"):
-        monkeypatch.setattr(refits, same, lambda fit, *_: fit)
-    monkeypatch.setattr(refits, "_doubtful", lambda *_: False)
-    monkeypatch.setattr(refits, "does_nothing", lambda *_: False)
-    parent = SimpleNamespace(
-        model=SimpleNamespace(structure=None), dataset=None, metric=None, error_share=1.0,
-        division=SimpleNamespace(measured=True),
-    )  # fmt: skip
-    assert refits.refitted(scored("servo_lag", 990.0), cast("Any", parent), ()).fit is not None
-    assert begun == (["where the score was"] if explained > 0.9 * 990 else ["where the score was", None])
-    begun.clear()
-    refits.refitted(scored("servo_lag", 1.0), cast("Any", parent), ())
-    assert begun == [None]
-
-
-def test_what_may_have_several_valleys_is_looked_for_in_all() -> None:
-    def composed(effect: str) -> Any:
-        return SimpleNamespace(composed=(catalogue()[effect],), linear=catalogue()[effect].linear)
-
-    score = scored("gyro_filter", 990.0).score
-    assert score is not None
-    assert refits._one_valley(composed("gyro_filter"), score)
-    assert not refits._one_valley(composed("gyro_filter"), replace(score, tried=refits.FEW_POINTS + 1))
-    assert not refits._one_valley(composed("speed_stability"), score), "slow modes may have led the base astray"
-    assert not refits._one_valley(composed("servo_rate_limit"), score)
-
-
 def test_entries_of_the_same_equations_name_each_other() -> None:
     known = catalogue()
     for name, effect in known.items():
