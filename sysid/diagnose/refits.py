@@ -228,18 +228,21 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     begin = as_scored(one, composed, parent) if by_score or linear_dynamics(composed) else None
     if by_score and begin is None:
         return replace(one, fit=None)
-    shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
-    near, scored, astray = begin if by_score else near, begin if shows else None, False
+    near = begin if by_score else near
     fit, failure = refit_or_reason(composed, parent, one.effects, near)
-    if scored is not None:
-        fit, astray = _as_promised(fit, composed, parent, one, scored)
+    shows = one.score is not None and one.score.log_p_there < WORTH_THE_TIME
+    astray = False
+    if begin is not None and shows:
+        fit, astray = _as_promised(fit, composed, parent, one, begin)
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
     if shows and one.score is not None and _doubtful(fit, parent, one.score):
         fit = _likelier(predicting(fit, parent), fit, parent)
     if begin is not None and not composed.linear:  # in a loop, what acts on samples: powers lead to another size
         fit = _likelier(predicting(fit, parent, begin), fit, parent)
-    fit = _gone_on(moved_on(fit, parent, astray), parent, one, scored)
+    fit = moved_on(fit, parent, astray)
+    if begin is not None and shows:
+        fit = _gone_on(fit, parent, one, begin)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
 
@@ -287,12 +290,14 @@ def _as_promised(
     return again, True
 
 
-def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model | None) -> Candidate:
+def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Candidate:
     """The fit of a linear entry; where it explains clearly less than the score promised a better one, if there is one,
     by the noise from where that was."""
-    if begin is None or one.score is None or not (fit.model.structure.linear and parent.division.measured):
+    assert one.score is not None
+    promised = NEARLY_KEPT * one.score.chi_squared
+    if not (fit.model.structure.linear and parent.division.measured):
         return fit
-    if explained_by(fit, parent, parent.metric) >= NEARLY_KEPT * one.score.chi_squared:
+    if explained_by(fit, parent, parent.metric) >= promised:
         return fit
     return begun_at(fit, parent, begin.by_name) or fit
 
