@@ -183,3 +183,8 @@ def rungs_of(base: Base, rungs: Sequence[Rung]) -> list[RungNumbers]:
 def short_names(effects: Sequence[str]) -> list[str]:
     """Catalogue ids as they are, files without their folder."""
     return [Path(one).name for one in effects]
+
+
+def pair_names(pairs: Sequence[Sequence[str]]) -> list[str]:
+    """Of two effects that do together what one does: `transport_delay with dynamic_inflow`."""
+    return [" with ".join(short_names(pair)) for pair in pairs]

@@ -94,8 +94,8 @@ def open_models(found: FitDiagnosis, folder: Path) -> list[dict[str, Any]]:
     singles = {one.effect: one for one in last.candidates}
     each = [("missing", last.chain, last.winner)]
     each += [("not told apart", (name,), singles.get(name)) for name in last.not_told]
-    pairs = {frozenset(one.effects): one for one in last.pairs}
-    each += [("not told apart", pair, pairs.get(frozenset(pair))) for pair in last.indistinguishable_pairs]
+    pairs = {one.effects: one for one in last.pairs}
+    each += [("not told apart", pair, pairs.get(pair)) for pair in last.indistinguishable_pairs]
     return [
         {
             "role": role,

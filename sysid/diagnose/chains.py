@@ -28,7 +28,7 @@ from sysid.diagnose.refits import NEAR, PRICES
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
 from sysid.model.acting import linear_dynamics
-from sysid.model.effect import catalogue
+from sysid.model.effect import catalogue, parts_of
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
@@ -137,8 +137,7 @@ class _Chains(FittedChains):
     def parts_of(self, whole: Ranked, singles: Sequence[Ranked]) -> list[Ranked]:
         """The pairs of other effects that may do together what this one does, fitted."""
         testable = {one.effect for one in singles if one.not_testable is None}
-        known = catalogue().get(whole.effect)
-        pairs = [pair for pair in (known.made_of if known else ()) if testable.issuperset(pair)]
+        pairs = [pair for pair in parts_of(whole.effect) if testable.issuperset(pair)]
         for one, other in pairs:
             if names_of(one, other) not in self.found and (beside := self.fitted_alone(_unasked(one))) is not None:
                 self.fit(beside, _unasked(other))

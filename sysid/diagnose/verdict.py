@@ -45,7 +45,7 @@ from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import Division
 from sysid.fit.result import finite
 from sysid.fit.whitening import Whitening
-from sysid.model.effect import catalogue
+from sysid.model.effect import parts_of
 
 FORMAT = "tippath.diagnosis/1"
 LARGEST_DIFFERENCE = 0.16
@@ -326,8 +326,7 @@ def _by(
 
 def _parts_of(winner: Ranked, pairs: Sequence[Ranked]) -> list[Ranked]:
     """The pairs that a single effect may be made of."""
-    known = catalogue().get(winner.effect) if len(winner.effects) == 1 else None
-    made_of = [] if known is None else [{*parts} for parts in known.made_of]
+    made_of = [{*parts} for parts in parts_of(winner.effect)] if len(winner.effects) == 1 else []
     return [one for one in pairs if {*one.effects} in made_of]
 
 

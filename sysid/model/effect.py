@@ -213,6 +213,12 @@ def catalogue() -> Mapping[str, Effect]:
     return dict(sorted(found.items(), key=lambda item: (groups.index(item[1].group), item[0])))
 
 
+def parts_of(name: str) -> tuple[tuple[str, str], ...]:
+    """Pairs of entries that an entry may be made of; none of a user's own."""
+    known = catalogue().get(name)
+    return () if known is None else known.made_of
+
+
 def tied(names: Iterable[str]) -> frozenset[str]:
     """Parameters of these entries that physics allows none of in free flight: on a tether or a stand there may be."""
     known = [catalogue()[name] for name in names if name in catalogue()]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gcs.analysis.ladder import short_names
+from gcs.analysis.ladder import pair_names, short_names
 from gcs.analysis.pages.diagnosis import DRAWN, diagnosis_picture
 from gcs.analysis.pages.parts import Facts, Part, Picture, Sentences, Table
 from gcs.analysis.pages.pictures import PAGE_WIDTH
@@ -98,8 +98,8 @@ class Told(Open, frozen=True, kw_only=True):
         """`missing: servo_lag (not to be told from gyro_lag), confidence 0.99`."""
         names = printable(listed(short_names(self.chain))) if self.chain else ""
         same = (*self.indistinguishable, *(name for others in self.equivalent.values() for name in others))
-        pairs = (" with ".join(short_names(pair)) for pair in self.indistinguishable_pairs)
-        alike = [printable(name) for name in (*short_names(tuple(dict.fromkeys(same))), *pairs)]
+        alike = [*short_names(tuple(dict.fromkeys(same))), *pair_names(self.indistinguishable_pairs)]
+        alike = [printable(name) for name in alike]
         sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
         if self.verdict == "complete":
             return f"complete: what is left {'is noise' if self.only_noise else 'does not matter'}{sure}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs.analysis.diagnosis import FitDiagnosis, rival
-from gcs.analysis.ladder import NO_CHANGE, Nrmse, short_names, together
+from gcs.analysis.ladder import NO_CHANGE, Nrmse, pair_names, short_names, together
 from gcs.analysis.quantities import listed, plausible_range, quantity, stands_in
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
@@ -114,7 +114,7 @@ def _place(name: str, last: Diagnosis) -> str:
 
 
 def _alike(others: Sequence[str], gap: str = " ", pairs: Sequence[Sequence[str]] = ()) -> str:
-    words = [*short_names(others), *(" with ".join(short_names(pair)) for pair in pairs)]
+    words = [*short_names(others), *pair_names(pairs)]
     return f"{gap}(not to be told from {listed(words)})" if words else ""
 
 
