@@ -87,6 +87,7 @@ TABLES: Mapping[str, Columns] = {
         "effect": "text",
         "stands_in": "flag",
         "indistinguishable": TEXTS,
+        "indistinguishable_pairs": TEXTS,
         "confidence": "number",
         "explained_share": "number",
     },

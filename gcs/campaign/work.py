@@ -136,6 +136,8 @@ class Verdict(documents.Open, frozen=True, kw_only=True):
     effect: str | None
     stands_in: bool
     indistinguishable: tuple[str, ...]
+    indistinguishable_pairs: tuple[str, ...] = ()
+    """Each as `transport_delay + dynamic_inflow`."""
     confidence: float
     explained_share: float | None
 
@@ -346,6 +348,7 @@ def _verdict(fit: Fit, fitted: Dataset, judging: Dataset) -> Verdict | None:
         effect=answer.effect,
         stands_in=answer.stands_in,
         indistinguishable=answer.indistinguishable,
+        indistinguishable_pairs=tuple(map(" + ".join, answer.indistinguishable_pairs)),
         confidence=answer.confidence,
         explained_share=answer.explained_share,
     )

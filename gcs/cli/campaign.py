@@ -48,7 +48,8 @@ dataset/ in the folder has Parquet tables, joined by "key" (pandas.read_parquet,
               follows_share
   fits        of each output: structure, band, nrmse_percent, validation_..., predicted_... (by another flight's model)
   parameters  value, unit, standard_error, model_error, and its row of the covariance, in the order of "place"
-  verdicts    with --diagnose: verdict, effect, stands_in, indistinguishable, confidence, explained_share
+  verdicts    with --diagnose: verdict, effect, stands_in, indistinguishable, indistinguishable_pairs, confidence,
+              explained_share
 
 campaign.json, and --json, is {"format": "tippath.campaign/1", "folder", "logs", "fitted", "version", "copies": {log:
 log}, "reasons": [{"reason", "words", "count", "logs"}], "groups": [{"name", "structure", "flights": [{"log", "key",

@@ -69,21 +69,20 @@ The answer is kept beside the fit as FIT-diagnosis.json, under the next free nam
 --json prints {"format": "tippath.diagnosis/1", "fit_sha256", "models": [{"role", "effects", "model"}] (the fit with
 what is missing, and with what could not be told from that), "airframe", "verdict", "effect", "chain", "stands_in",
 "indistinguishable", "indistinguishable_pairs", "equivalent": {effect: [effects]}, "confidence", "explained_share",
-"needed_share" (to be named),
-"candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters",
-"standard_errors", "implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "sizes":
-[{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text], "character", "next_maneuver": {"maneuver",
-"separates", "why", "sigma", "card", "how" (where no card flies it), "fit_runs": [ids] (where runs that only judged tell
-it)} or null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE fit, that could still be gained),
-"remainder" (what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with "frequency_hz",
-"damping_ratio", "limit", "matters") or null where one is missing by name, "reason" (where the data are the cause:
-"clocks", of time stamps, "feedback", or null), "remarks", "rungs": [{"effects", "nrmse_percent",
-"validation_nrmse_percent", "verdict", "effect", "confidence"}], "slight": {"points" (of fit that the missing effect
-gains, where that is little), "gain_db", "phase_deg", "matters"} or null, "first_answer": {"verdict", "chain",
-"confidence"} (before pairs were searched) or null, "unsearched_chains": {"reason": "little left", "points"} or
-{"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much left", "chain", "explained"} (by the best
-one with the likeliest effect) or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app shows of it
-again: as it changes, this is no interface)}.
+"needed_share" (to be named), "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
+"validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
+"placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text],
+"character", "next_maneuver": {"maneuver", "separates", "why", "sigma", "card", "how" (where no card flies it),
+"fit_runs": [ids] (where runs that only judged tell it)} or null, "explanation", "suspicions", "warnings",
+"within_points" (of NRMSE fit, that could still be gained), "remainder" (what that could do: "seen" and "margins" with
+"gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing
+by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs":
+[{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}], "slight": {"points" (of
+fit that the missing effect gains, where that is little), "gain_db", "phase_deg", "matters"} or null, "first_answer":
+{"verdict", "chain", "confidence"} (before pairs were searched) or null, "unsearched_chains": {"reason": "little left",
+"points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much left", "chain", "explained"}
+(by the best one with the likeliest effect) or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app
+shows of it again: as it changes, this is no interface)}.
 """
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pyarrow.parquet
 import pytest
@@ -17,7 +18,7 @@ from gcs.campaign.given import Given, load
 from gcs.campaign.groups import copies, grouped, placed
 from gcs.campaign.identity import sketch
 from gcs.campaign.summary import means, reasons
-from gcs.campaign.work import Flown, Number, Numbers, Outcome, Reason, Settings, worked_on
+from gcs.campaign.work import Flown, Number, Numbers, Outcome, Reason, Settings, Verdict, worked_on
 
 RUN = Flown(
     id="x#1",
@@ -165,7 +166,24 @@ def test_what_a_fit_lacks_stands_in_the_table_of_verdicts(tmp_path: Path) -> Non
     write_dataset([one], {"A": (one,)}, {}, tmp_path)
     (row,) = pyarrow.parquet.read_table(tmp_path / "dataset" / "verdicts.parquet").to_pylist()
     assert (row["group"], row["verdict"], row["effect"]) == ("A", "complete", None)
+    assert row["indistinguishable_pairs"] == []
     assert one.key != worked_on(log, Settings()).key, "asked without, it is another outcome"
+
+
+def test_two_effects_that_may_stand_for_the_one_named_are_in_the_table_of_verdicts(tmp_path: Path) -> None:
+    said = Verdict(
+        verdict="missing",
+        effect="servo_second_order",
+        stands_in=False,
+        indistinguishable=(),
+        indistinguishable_pairs=("transport_delay + dynamic_inflow",),
+        confidence=0.95,
+        explained_share=1.0,
+    )
+    one = msgspec.structs.replace(outcome("2026-05-05.BIN"), verdict=said)
+    write_dataset([one], {"A": (one,)}, {}, tmp_path)
+    (row,) = pyarrow.parquet.read_table(tmp_path / "dataset" / "verdicts.parquet").to_pylist()
+    assert row["indistinguishable_pairs"] == ["transport_delay + dynamic_inflow"]
 
 
 def test_the_mean_of_a_group_has_its_error_and_the_spread_between_days() -> None:
