@@ -92,11 +92,11 @@ def chains_of_two(
     if not able:
         return ChainSearch()
     chains = _Chains(fitted, reference, say, budget, named is not None)
-    little = chains.little(able, named, limit or Limit())
+    no_need = chains.look(able, named, limit or Limit())
     parts = chains.parts_of(named or able[0], singles)
-    if little is None:
+    if no_need is None:
         return chains.told()
-    unsearched = chains.unsearched if chains.interrupted else little.unsearched
+    unsearched = chains.unsearched if chains.interrupted else no_need.unsearched
     return ChainSearch(tuple(sorted(parts, key=rank)), unsearched)
 
 
@@ -122,8 +122,8 @@ def _best_elsewhere(able: Sequence[Ranked]) -> Ranked | None:
 class _Chains(FittedChains):
     """In what order they are looked for."""
 
-    def little(self, able: Sequence[Ranked], named: Ranked | None, limit: Limit) -> ChainSearch | None:
-        """Look for chains; what to say where there is no need."""
+    def look(self, able: Sequence[Ranked], named: Ranked | None, limit: Limit) -> ChainSearch | None:
+        """Look for chains; what to say where there is no need to, else None."""
         # an effect may leave something that powers need not show: play, limits, what rotor speed changes
         little = None if named is None else _of_little(named, self.reference, limit)
         if little is None:

@@ -152,6 +152,7 @@ class _Asked:
         candidates, pairs, reference, answer = self.candidates, chained.pairs, self.reference, self.answer
         chance = self.scored.chance
         if pairs:
+            pairs = tuple(sorted(in_reach(pairs, reference), key=rank))
             answer = verdict_on(candidates, pairs, chance, reference)
             if answer.winner is not None and len(answer.chain) == 2:
                 try:
