@@ -248,13 +248,13 @@ def imposed_answers(
     inner = np.array([values[structure.names.index(name)] for name in smooth.names])
     rows = [structure.names.index(name) for name in smooth.names]
     Ys, Js = [], []
-    for number, (group, imposed) in enumerate(zip(on.surrogate, on.imposed, strict=True)):
+    for number, (group, blown) in enumerate(zip(on.surrogate, on.gusts, strict=True)):
         if group is on.stacks[number]:  # nothing but what was imposed
             Ys.append(Y[number])
             Js += [] if J is None else [J[number]]
             continue
         answer = respond(structure, values, group, J is not None)
-        gusts = respond(smooth, inner, replace(group, U=group.U - imposed.U), J is not None)
+        gusts = respond(smooth, inner, blown, J is not None)
         Ys.append(answer.Y - gusts.Y)
         if J is not None:
             changed = answer.slopes.copy()
@@ -360,6 +360,11 @@ class Stepped:
     growing: float = 0.0
     """Chi squared that its growing modes cost."""
     _envelope: list[Envelope] = field(default_factory=list)
+
+    @cached_property
+    def own(self) -> FloatArray:
+        """(b, b), of Z J^T the inverse."""
+        return instrumental_inverse(self.Z, self.J)
 
     @cached_property
     def told(self) -> FloatArray:

@@ -91,7 +91,11 @@ def normal_equations(
         )
         n = response.E.shape[0]
         columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
-        white = weighed(weight, np.concatenate(columns))
+        white = np.empty((sum(map(len, columns)), *group.Y.shape), dtype=complex)
+        first = 0
+        for some in columns:
+            weighed(weight, some, out=white[first : first + len(some)])
+            first += len(some)
         blocks = [rows(white[..., part]) for part in group.slices]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
         found.append(explained[:, :, 0])

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +25,17 @@ def whitener_of(spectrum: ComplexArray) -> ComplexArray:
     return np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(spectrum)))
 
 
-def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
+def weighed(weight: AnyArray, columns: ComplexArray, out: ComplexArray | None = None) -> ComplexArray:
     """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a matrix for each bin,
     (k, k, bins)."""
-    if weight.ndim == 2:
-        return np.asarray(weight * columns)
-    found = np.empty_like(columns)
+    found = np.empty(columns.shape, dtype=complex) if out is None else out
+    if weight.ndim == 2:  # of real numbers, which would else be made complex ones first
+        np.multiply(np.ascontiguousarray(columns).view(float), np.repeat(weight, 2, axis=1), out=found.view(float))
+        return found
     for row, parts in enumerate(weight):
         np.multiply(parts[row], columns[:, row], out=found[:, row])
         for column, part in enumerate(parts):
-            if column != row:
+            if column != row and np.any(part):  # most are lower triangular
                 found[:, row] += part * columns[:, column]
     return found
 
@@ -48,15 +50,27 @@ class Whitening:
     ends: list[list[FloatArray]]
     """For every stack and segment an orthonormal basis (r, 2 k bins) of whitened end states."""
 
+    @cached_property
+    def weights(self) -> list[list[ComplexArray]]:
+        """For every stack and segment (k, k, bins), of unscaled outputs."""
+        return [
+            [np.ascontiguousarray((group.scale * whitener.transpose(1, 2, 0))[..., part]) for part in group.slices]
+            for group, whitener in zip(self.stacks, self.whitener, strict=True)
+        ]
+
     def __call__(self, outputs: Sequence[ComplexArray]) -> FloatArray:
         """For every stack (columns, k, bins), unscaled -> (columns, N)."""
-        parts = []
-        for group, whitener, bases, Y in zip(self.stacks, self.whitener, self.ends, outputs, strict=True):
-            white = weighed(group.scale * whitener.transpose(1, 2, 0), Y)
-            for part, basis in zip(group.slices, bases, strict=True):
-                some = rows(white[..., part])
-                parts.append(some - (some @ basis.T) @ basis)
-        return np.concatenate(parts, axis=1)
+        columns, k = len(outputs[0]), len(self.stacks[0].Y)
+        found = np.empty((columns, k * sum(Y.shape[2] for Y in outputs)), dtype=complex)
+        end = 0
+        for group, weights, bases, Y in zip(self.stacks, self.weights, self.ends, outputs, strict=True):
+            for part, weight, basis in zip(group.slices, weights, bases, strict=True):
+                begin, end = end, end + weight[0].size
+                some = found[:, begin:end]
+                weighed(weight, Y[..., part], out=some.reshape(columns, *weight[0].shape))
+                real = some.view(float)
+                real -= (real @ basis.T) @ basis
+        return found.view(float)
 
     def louder(self, times: FloatArray) -> Whitening:
         """By noise that is so many times as loud, (bins,), all stacks', in standard deviations."""
