@@ -32,11 +32,26 @@ def weighed(weight: AnyArray, columns: ComplexArray, out: ComplexArray | None = 
     if weight.ndim == 2:  # of real numbers, which would else be made complex ones first
         np.multiply(np.ascontiguousarray(columns).view(float), np.repeat(weight, 2, axis=1), out=found.view(float))
         return found
-    for row, parts in enumerate(weight):
-        np.multiply(parts[row], columns[:, row], out=found[:, row])
-        for column, part in enumerate(parts):
-            if column != row and np.any(part):  # most are lower triangular
-                found[:, row] += part * columns[:, column]
+    return _weighed(_parts_of(weight), columns, found)
+
+
+_Parts = tuple[tuple[tuple[int, ComplexArray], ...], ...]
+"""Of matrices for each bin, row after row, numbers of columns and what is there, (bins,)."""
+
+
+def _parts_of(weight: ComplexArray) -> _Parts:
+    """The diagonal first, and of the rest what is not zero: most are lower triangular."""
+    return tuple(
+        ((row, parts[row]), *((i, part) for i, part in enumerate(parts) if i != row and part.any()))
+        for row, parts in enumerate(weight)
+    )
+
+
+def _weighed(weight: _Parts, columns: ComplexArray, found: ComplexArray) -> ComplexArray:
+    for row, ((_, own), *others) in enumerate(weight):
+        np.multiply(own, columns[:, row], out=found[:, row])
+        for column, part in others:
+            found[:, row] += part * columns[:, column]
     return found
 
 
@@ -51,11 +66,14 @@ class Whitening:
     """For every stack and segment an orthonormal basis (r, 2 k bins) of whitened end states."""
 
     @cached_property
-    def weights(self) -> list[list[ComplexArray]]:
-        """For every stack and segment (k, k, bins), of unscaled outputs."""
+    def _weights(self) -> list[list[_Parts]]:
+        """For every stack and segment, of unscaled outputs."""
+        whole = [
+            group.scale * white.transpose(1, 2, 0) for group, white in zip(self.stacks, self.whitener, strict=True)
+        ]
         return [
-            [np.ascontiguousarray((group.scale * whitener.transpose(1, 2, 0))[..., part]) for part in group.slices]
-            for group, whitener in zip(self.stacks, self.whitener, strict=True)
+            [_parts_of(np.ascontiguousarray(weight[..., part])) for part in group.slices]
+            for group, weight in zip(self.stacks, whole, strict=True)
         ]
 
     def __call__(self, outputs: Sequence[ComplexArray]) -> FloatArray:
@@ -63,11 +81,12 @@ class Whitening:
         columns, k = len(outputs[0]), len(self.stacks[0].Y)
         found = np.empty((columns, k * sum(Y.shape[2] for Y in outputs)), dtype=complex)
         end = 0
-        for group, weights, bases, Y in zip(self.stacks, self.weights, self.ends, outputs, strict=True):
+        for group, weights, bases, Y in zip(self.stacks, self._weights, self.ends, outputs, strict=True):
             for part, weight, basis in zip(group.slices, weights, bases, strict=True):
-                begin, end = end, end + weight[0].size
+                bins = part.stop - part.start
+                begin, end = end, end + k * bins
                 some = found[:, begin:end]
-                weighed(weight, Y[..., part], out=some.reshape(columns, *weight[0].shape))
+                _weighed(weight, Y[..., part], some.reshape(columns, k, bins))
                 real = some.view(float)
                 real -= (real @ basis.T) @ basis
         return found.view(float)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -136,7 +136,9 @@ class _Slopes(NamedTuple):
     turned: ComplexArray
     """(moving, n, n), between modes;"""
     drive: ComplexArray
-    """(parameters, n, n + m), from modes and inputs to modes over the time that inputs are held;"""
+    """(moving, n, n + m), from modes and inputs to modes over the time that inputs are held;"""
+    by_inputs: ComplexArray
+    """(still, n, m), from inputs alone;"""
     C: FloatArray
     D: FloatArray
     moving: NDArray[np.intp]
@@ -165,11 +167,11 @@ def _answering(
     if of is None:
         return _Answering(modes, C, D, held * WB, None)
     dA, dB, dC, dD = (x[list(of)] for x in moved)
-    turned = W @ dA @ modes.V
-    drive = np.concatenate([turned * modes.moved, (turned * modes.held_moved) @ WB + held * (W @ dB)], axis=2)
-    moves = np.any(dA, axis=(1, 2))
+    moves = dA.any(axis=(1, 2))
     moving, still = np.flatnonzero(moves), np.flatnonzero(~moves)
-    slopes = _Slopes(turned[moving], drive, dC, dD, moving, still, bool(np.any(dC) or np.any(dD)))
+    turned, driven = W @ dA[moving] @ modes.V, held * (W @ dB)
+    drive = np.concatenate([turned * modes.moved, (turned * modes.held_moved) @ WB + driven[moving]], axis=2)
+    slopes = _Slopes(turned, drive, driven[still], dC, dD, moving, still, bool(dC.any() or dD.any()))
     return _Answering(modes, C, D, held * WB, slopes)
 
 
@@ -189,7 +191,7 @@ def _linear(
     sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
     V, W = modes.V, modes.W
     poles = _over(stack.z_held, modes.factor)
-    free = _over(stack.z, sampled.factor) if stack.thinned_log else poles
+    free = cache(lambda: _over(stack.z, sampled.factor)) if stack.thinned_log else lambda: poles
     CV = C @ V
     X = held @ U
     X *= poles
@@ -200,20 +202,20 @@ def _linear(
     def end_columns() -> ComplexArray:
         n, k = len(V), len(C)
         to = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
-        return np.asarray((to @ (free * stack.z)).reshape(n, k, -1))
+        return np.asarray((to @ (free() * stack.z)).reshape(n, k, -1))
 
     if slopes is None:
         return Response(Y, end_columns, None)
-    freely = None if initial is None else _free_motion(stack, free, W, initial)
+    freely = None if initial is None else _free_motion(stack, free(), W, initial)
     driven, X = X, X if freely is None else X + freely
-    count, moving, still = len(slopes.drive), slopes.moving, slopes.still
+    count, still = len(slopes.C), slopes.still
     J = np.empty((count + len(changes), *Y.shape), dtype=complex)
-    ways = [(slopes.drive[moving], np.concatenate([driven if stack.thinned_log else X, U]), poles)]
+    ways = [(slopes.drive, np.concatenate([driven if stack.thinned_log else X, U]), poles)]
     if freely is not None and stack.thinned_log:  # free motion goes on from sample to sample of the log
-        ways.append((slopes.turned * sampled.moved, freely, free))
-    _fill_with_moved(J, moving, CV, ways)
+        ways.append((slopes.turned * sampled.moved, freely, free()))
+    _fill_with_moved(J, slopes.moving, CV, ways)
     if still.size:
-        J[still] = _by_inputs(CV, slopes.drive[still, :, len(V) :], poles, U)
+        J[still] = _by_inputs(CV, slopes.by_inputs, poles, U)
     if slopes.outside:
         J[:count] += (slopes.C @ V) @ X + slopes.D @ U
     for row, dU in zip(J[count:], changes, strict=True):
@@ -253,9 +255,9 @@ def _by_inputs(CV: ComplexArray, drive: ComplexArray, poles: ComplexArray, U: Co
     """What parameters change that move no mode, but what inputs U (m, bins) do to the modes by `drive` (parameters, n,
     m); (parameters, k, bins). Most move one input alone."""
     found = np.zeros((len(drive), len(CV), U.shape[1]), dtype=complex)
-    for column, one in zip(drive.transpose(2, 0, 1), U, strict=True):
-        here = np.any(column, axis=1)
-        if np.any(here):
+    for column, one, moves in zip(drive.transpose(2, 0, 1), U, drive.any(axis=1).T, strict=True):
+        here = np.flatnonzero(moves)
+        if here.size:
             through = (CV * column[here, None]).reshape(-1, CV.shape[1]) @ poles
             found[here] += through.reshape(-1, *found.shape[1:]) * one
     return found
