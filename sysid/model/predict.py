@@ -191,13 +191,16 @@ def _linear(
     sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
     V, W = modes.V, modes.W
     poles = _over(stack.z_held, modes.factor)
-    free = cache(lambda: _over(stack.z, sampled.factor)) if stack.thinned_log else lambda: poles
     CV = C @ V
     X = held @ U
     X *= poles
     Y = CV @ X
     if np.any(D):
         Y += D @ U
+
+    @cache
+    def free() -> ComplexArray:
+        return _over(stack.z, sampled.factor) if stack.thinned_log else poles
 
     def end_columns() -> ComplexArray:
         n, k = len(V), len(C)
@@ -255,7 +258,7 @@ def _by_inputs(CV: ComplexArray, drive: ComplexArray, poles: ComplexArray, U: Co
     """What parameters change that move no mode, but what inputs U (m, bins) do to the modes by `drive` (parameters, n,
     m); (parameters, k, bins). Most move one input alone."""
     found = np.zeros((len(drive), len(CV), U.shape[1]), dtype=complex)
-    for column, one, moves in zip(drive.transpose(2, 0, 1), U, drive.any(axis=1).T, strict=True):
+    for column, one, moves in zip(drive.transpose(2, 0, 1), U, np.any(drive, axis=1).T, strict=True):
         here = np.flatnonzero(moves)
         if here.size:
             through = (CV * column[here, None]).reshape(-1, CV.shape[1]) @ poles
