@@ -199,6 +199,7 @@ def _linear(
         Y += D @ U
 
     @cache
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def free() -> ComplexArray:
         return _over(stack.z, sampled.factor) if stack.thinned_log else poles
 
