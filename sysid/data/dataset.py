@@ -221,6 +221,12 @@ class Dataset:
         return tuple(_rephased(*pair, rng) for pair in zip(self.stacks, self.imposed, strict=True))
 
     @cached_property
+    def gusts(self) -> tuple[Stack, ...]:
+        """Of `surrogate` what the excitation did not cause."""
+        pairs = zip(self.surrogate, self.imposed, strict=True)
+        return tuple(replace(group, U=group.U - imposed.U) for group, imposed in pairs)
+
+    @cached_property
     def unexcited(self) -> Dataset:
         """The same runs as if no excitation had been logged: what they are asked so is what all commands foretell."""
         bare = self._with(tuple(one.without(EXCITATIONS) for one in self.records))

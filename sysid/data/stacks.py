@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,17 +45,17 @@ class Stack:
     def samples(self) -> int:
         return sum(one.samples for one in self.spectra)
 
-    @property
+    @cached_property
     def thinned_log(self) -> bool:
         """Whether the vehicle's loop held commands for less than a sample."""
         return self.spectra[0].segment.held_s < self.spectra[0].dt
 
-    @property
+    @cached_property
     def held_s(self) -> float:
         """How long a command was held, s."""
         return self.spectra[0].segment.held_s if self.thinned_log else self.dt
 
-    @property
+    @cached_property
     def z_held(self) -> ComplexArray:
         """exp(j omega held_s), (bins,)."""
         return np.asarray(np.exp(2j * np.pi * self.held_s * self.frequency_hz)) if self.thinned_log else self.z

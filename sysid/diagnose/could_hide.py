@@ -142,7 +142,7 @@ class _Asking:
             answer=instrumental_inverse(asked, moved) @ asked,
             free=parent.free,
             base=_by_linear_part(parent),
-            own=instrumental_inverse(stepped.Z, stepped.J).T @ stepped.J,
+            own=stepped.own.T @ stepped.J,
             gains=gains,
             margins=None if gains is None else gains.loop.margins,
             effects=effects,

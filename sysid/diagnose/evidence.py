@@ -104,9 +104,7 @@ class Candidate:
     @cached_property
     def asked(self) -> Candidate:
         """The same fit on the bins that its metric is of."""
-        if not self.dataset.in_a_loop:
-            return self
-        return candidate(self.estimate, self.held, self.dataset.wider, self.added)
+        return candidate(self.estimate, self.held, self.dataset.wider, self.added) if self.dataset.in_a_loop else self
 
     def asked_in(self, metric: Whitening) -> Candidate:
         """`asked`, where innovations are asked moved to where it predicts best: feedback biases what commands alone
@@ -245,16 +243,15 @@ def imposed_answers(
         return [one.Y for one in found], [] if J is None else [one.slopes for one in found]
     steady = [one for one in structure.composed if one.linear and one.samples is None]
     smooth = compose(structure.base_, steady, on.available, dict(structure.constants), outputs=structure.outputs)
-    inner = np.array([values[structure.names.index(name)] for name in smooth.names])
     rows = [structure.names.index(name) for name in smooth.names]
     Ys, Js = [], []
-    for number, (group, imposed) in enumerate(zip(on.surrogate, on.imposed, strict=True)):
+    for number, (group, blown) in enumerate(zip(on.surrogate, on.gusts, strict=True)):
         if group is on.stacks[number]:  # nothing but what was imposed
             Ys.append(Y[number])
             Js += [] if J is None else [J[number]]
             continue
         answer = respond(structure, values, group, J is not None)
-        gusts = respond(smooth, inner, replace(group, U=group.U - imposed.U), J is not None)
+        gusts = respond(smooth, values[rows], blown, J is not None)
         Ys.append(answer.Y - gusts.Y)
         if J is not None:
             changed = answer.slopes.copy()
@@ -362,6 +359,11 @@ class Stepped:
     _envelope: list[Envelope] = field(default_factory=list)
 
     @cached_property
+    def own(self) -> FloatArray:
+        """(b, b), of Z J^T the inverse."""
+        return instrumental_inverse(self.Z, self.J)
+
+    @cached_property
     def told(self) -> FloatArray:
         """(N,), of `imposed` what tells models apart (`Shown.told`); all of it where no excitation is logged."""
         return self.imposed if self.shown is None else self.shown.told(self.imposed[None])[0]
@@ -442,8 +444,7 @@ class White:
 
     def power(self, row: FloatArray) -> float:
         """The same in one number."""
-        rest = self.shows(row)
-        return float(rest @ rest)
+        return float((rest := self.shows(row)) @ rest)
 
     def move(self, one: Candidate) -> FloatArray:
         """Of the candidate's free parameters, between their bounds, to where the imposed commands leave least."""
@@ -473,8 +474,7 @@ def _within_bounds(one: Candidate, H: FloatArray, g: FloatArray) -> FloatArray:
     while not np.all(held):
         rest = ~held
         move[rest] = scaled_solve(H[np.ix_(rest, rest)], (g - H @ np.where(held, move, 0))[rest])
-        beyond = rest & ((here + move < low) | (here + move > high))
-        if not np.any(beyond):
+        if not np.any(beyond := rest & ((here + move < low) | (here + move > high))):
             break
         held |= beyond
         move = np.clip(here + move, low, high) - here

@@ -18,7 +18,6 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
 from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.bursts import Envelope
-from sysid.fit.scaled import instrumental_inverse
 from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.compose import compose
@@ -212,7 +211,7 @@ class _Question:
         D, Z = answers
         stepped = self.stepped
         # less what the parent's own parameters would do: on the side that asks, and on the side that answers
-        Z1 = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
+        Z1 = Z - (Z @ stepped.J.T) @ stepped.own @ stepped.Z
         size = np.einsum("ij,ij->i", Z, Z)
         keep = np.einsum("ij,ij->i", Z1, Z1) > INDEPENDENT * np.maximum(size, 1e-300)
         if not np.any(keep):

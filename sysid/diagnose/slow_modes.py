@@ -18,7 +18,6 @@ from sysid.data.record import RATES
 from sysid.diagnose.candidate_terms import transfers
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.score import along, in_bursts, log_chance
-from sysid.fit.scaled import instrumental_inverse
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray
 
@@ -55,7 +54,7 @@ def slow_mode(one: Candidate, stepped: Stepped, whitening: Whitening) -> SlowMod
         for T, Y in zip(transfers(one, [f"{name}_dot" for name in rates]), one.Y_imposed, strict=True)
     ]
     s = [np.asarray(2j * np.pi * group.frequency_hz, dtype=np.complex128) for group in stacks]
-    own = instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
+    own = stepped.own @ stepped.Z
     best: SlowMode | None = None
     for frequency_hz, zeta in points:
         Z = whitening([_shaken(each, at, frequency_hz, zeta) for each, at in zip(moved, s, strict=True)])

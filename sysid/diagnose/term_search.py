@@ -142,7 +142,7 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
     fixed, b = _in_metric(known, whitening), len(stepped.J)
     others = fixed.with_vectors(np.concatenate([stepped.residual[None], stepped.J, stepped.Z]))
     e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
-    own = moved @ instrumental_inverse(stepped.Z, stepped.J)
+    own = moved @ stepped.own
     e = e - own @ (stepped.Z @ stepped.residual)  # where the parent was moved by less than all of its instruments
     crossed = stepped.Z @ stepped.Z.T
     rest = fixed.whole - 2 * np.sum(own * asked, axis=2) + np.sum((own @ crossed) * own, axis=2)
@@ -329,7 +329,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         return []
     D = whitening(_together([known.answers(number) for number in numbers]))
     Z = D if known.as_flown else whitening(_together([known.answers(number, True) for number in numbers]))
-    Z = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
+    Z = Z - (Z @ stepped.J.T) @ stepped.own @ stepped.Z
     found = []
     begin = 0
     for number in numbers:

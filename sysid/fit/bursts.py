@@ -7,7 +7,7 @@ So the power of what a model leaves is followed over time, and tests are held ag
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class Envelope:
     outputs: int
     rough: bool
     """Whether it comes and goes more than chance makes it."""
+    _known: list[tuple[FloatArray, list[list[ComplexArray]]]] = field(default_factory=list)
+    """Rows that were asked of last, and what they are in time: each question asks more than once."""
 
     @classmethod
     def of(cls, rows: FloatArray, stacks: Sequence[Stack]) -> Envelope:
@@ -81,8 +83,8 @@ class Envelope:
         """The same, but that a loud burst of the residual (N,) counts as one draw: what the excitation did to commands
         while it blew holds some of it, too, so that it meets itself, by more than its power says."""
         found = self.gram(rows)
-        for power, width, part in self._cells(np.concatenate([rows, residual[None]])):
-            met = np.real(np.einsum("ckt,kt->ct", part[:-1], part[-1].conj()))
+        for (power, width, part), (_, _, left) in zip(self._cells(rows), self._cells(residual[None]), strict=True):
+            met = np.real(np.einsum("ckt,kt->ct", part, left[0].conj()))
             starts = np.arange(0, power.size, width)
             loud = np.add.reduceat(power, starts) > LOUD * np.diff([*starts, power.size])
             bursts = np.add.reduceat(met, starts, axis=1)[:, loud]
@@ -103,8 +105,12 @@ class Envelope:
 
     def _cells(self, rows: FloatArray) -> Iterator[tuple[FloatArray, int, ComplexArray]]:
         """Of every segment and band power (n,), averaged over how many times, and rows in time (c, outputs, n)."""
-        sizes = [tuple(one.size for one in each) for each in self.power]
-        for power, widths, parts in zip(self.power, self.widths, _in_time(rows, self.outputs, sizes), strict=True):
+        found = next((found for known, found in self._known if known is rows), None)
+        if found is None:
+            sizes = [tuple(one.size for one in each) for each in self.power]
+            found = list(_in_time(rows, self.outputs, sizes))
+            self._known[:] = [*self._known[-1:], (rows, found)]
+        for power, widths, parts in zip(self.power, self.widths, found, strict=True):
             yield from zip(power, widths, parts, strict=True)
 
 

@@ -398,7 +398,7 @@ def _linearised(
             e = bins[0]
             cross = e[:, None, :] * e[None, :, :].conj()
             S = smooth(cross.reshape(-1, cross.shape[-1]).T, group.frequency_hz[part]).T.reshape(cross.shape)
-            variance += 0.5 * (Z @ rows(np.einsum("klf,blf->bkf", S, bins[-count:])).T)
+            variance += 0.5 * (Z @ rows(weighed(S, bins[-count:])).T)
     return curvature, gradient, variance
 
 

@@ -65,7 +65,7 @@ class NormalEquations:
     @property
     def finite(self) -> bool:
         """Whether there is a step from here: LAPACK prints on the terminal where it is handed what is not a number."""
-        return bool(np.all(np.isfinite(self.curvature)) and np.all(np.isfinite(self.gradient)))
+        return bool(np.isfinite(self.curvature).all() and np.isfinite(self.gradient).all())
 
 
 def normal_equations(
@@ -91,7 +91,11 @@ def normal_equations(
         )
         n = response.E.shape[0]
         columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
-        white = weighed(weight, np.concatenate(columns))
+        white = np.empty((sum(map(len, columns)), *group.Y.shape), dtype=complex)
+        first = 0
+        for some in columns:
+            weighed(weight, some, out=white[first : first + len(some)])
+            first += len(some)
         blocks = [rows(white[..., part]) for part in group.slices]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
         found.append(explained[:, :, 0])
@@ -99,15 +103,18 @@ def normal_equations(
         for part, block, difference in zip(group.slices, blocks, found[-1], strict=True):
             rest = block[n] - difference @ block[:n]  # inner products alone would leave rounding where little is left
             unweighted = (group.scale[part.start] / weight[:, part.start]) ** 2 if weight.ndim == 2 else 1.0
-            power += np.sum(rest.reshape(power.size, -1) ** 2, axis=1) * unweighted
+            power += (rest * rest).reshape(power.size, -1).sum(axis=1) * unweighted
             moved += block[n + 1 :] @ rest
         if full:
             inner, to = products[1:, 1:], response.to
             if to is not None:
                 inner, moved = to @ inner @ to.T, to @ moved
-            rows_of = np.arange(count) if to is not None or of is None else np.array(of, dtype=int)
-            gradient[rows_of] += moved
-            curvature[np.ix_(rows_of, rows_of)] += inner
+            if to is not None or of is None or len(of) == count:
+                gradient += moved
+                curvature += inner
+            else:
+                gradient[list(of)] += moved
+                curvature[np.ix_(of, of)] += inner
     return NormalEquations(power, curvature, gradient, found, weights[0].ndim == 3)
 
 

@@ -149,8 +149,9 @@ class Caused:
     span: _Span
 
     @classmethod
-    def by(cls, by: Causes, stacks: Sequence[Stack], below_hz: float = math.inf) -> Caused:
-        """Of bins below a frequency alone."""
+    @lru_cache(maxsize=8)
+    def by(cls, by: Causes, stacks: tuple[Stack, ...], below_hz: float = math.inf) -> Caused:
+        """Of bins below a frequency alone. Kept: every whitening asks it of the same runs."""
         frequency, segment, edges = _laid_out(stacks, WINDOW_HZ)
         edges = _finer_below(edges, frequency, 2 * len(by.commands) + segment[-1] + 1)
         scale = np.concatenate([group.scale for group in stacks])

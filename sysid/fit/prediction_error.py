@@ -27,7 +27,7 @@ from sysid.fit.gauss_newton import NormalEquations, bounded_step, moved
 from sysid.fit.growth import answered, growth, growth_slopes, misled
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.rows import orthonormal, rows, smooth
-from sysid.fit.whitening import jumps
+from sysid.fit.whitening import jumps, weighed
 from sysid.model.acting import jumping
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -156,8 +156,8 @@ def _blocks(model: Model, noise: Noise, stacks: Sequence[Stack]) -> Iterator[_Bl
     for group in stacks:
         response = respond(model.structure, model.values, group, True)
         W, late = noise.weights(group), noise.late(group)
-        E = _by(W, np.concatenate([response.E, jumps(group)]))
-        columns = _by(W, np.concatenate([(group.Y - response.Y)[None], response.slopes]))
+        E = weighed(W, np.concatenate([response.E, jumps(group)]))
+        columns = weighed(W, np.concatenate([(group.Y - response.Y)[None], response.slopes]))
         for part in group.slices:
             basis = orthonormal(rows(E[..., part]))
             found = _less(basis, rows(columns[..., part]))
@@ -166,11 +166,6 @@ def _blocks(model: Model, noise: Noise, stacks: Sequence[Stack]) -> Iterator[_Bl
             foretold: ComplexArray = group.scale[part] * late[:, None, part] * v
             past = _Past(foretold.reshape(-1, v.shape[1]), noise.root)
             yield _Block(found[:1], found[1:], past, basis, group.frequency_hz[part])
-
-
-def _by(W: ComplexArray, columns: ComplexArray) -> ComplexArray:
-    """Columns (c, k, bins) by full matrices (k, k, bins)."""
-    return np.asarray(np.einsum("ijf,cjf->cif", W, columns))
 
 
 def _less(basis: FloatArray, some: FloatArray) -> FloatArray:

@@ -58,12 +58,12 @@ def less_ends(grams: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     `grams` (segments, n + r, n + r) has all inner products. Returns their sum over segments, (r, r), and how much of
     each row every end state explains, (segments, n, r). Weak combinations of ends explain nothing.
     """
-    size = np.sqrt(np.einsum("sii->si", grams[:, :n, :n]))
+    size = np.sqrt(grams.diagonal(axis1=1, axis2=2)[:, :n])
     size = np.where(size > 0, size, 1.0)
     inner, axes = np.linalg.eigh(grams[:, :n, :n] / (size[:, :, None] * size[:, None, :]))
-    keep = inner > ENDS_RANK * np.max(inner, axis=1, initial=0.0, keepdims=True)
+    keep = inner > ENDS_RANK * np.maximum(inner[:, -1:], 0.0)  # in ascending order
     weight = keep / np.sqrt(np.where(keep, inner, 1.0))
-    T = weight[:, :, None] * axes.transpose(0, 2, 1) / size[:, None, :]
+    T = (weight[:, :, None] / size[:, None, :]) * axes.transpose(0, 2, 1)
     cross = T @ grams[:, :n, n:]
     left = grams[:, n:, n:] - cross.transpose(0, 2, 1) @ cross
     return np.asarray(np.sum(left, axis=0)), np.asarray(T.transpose(0, 2, 1) @ cross)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +25,33 @@ def whitener_of(spectrum: ComplexArray) -> ComplexArray:
     return np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(spectrum)))
 
 
-def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
+def weighed(weight: AnyArray, columns: ComplexArray, out: ComplexArray | None = None) -> ComplexArray:
     """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a matrix for each bin,
     (k, k, bins)."""
-    if weight.ndim == 2:
-        return np.asarray(weight * columns)
-    found = np.empty_like(columns)
-    for row, parts in enumerate(weight):
-        np.multiply(parts[row], columns[:, row], out=found[:, row])
-        for column, part in enumerate(parts):
-            if column != row:
-                found[:, row] += part * columns[:, column]
+    found = np.empty(columns.shape, dtype=complex) if out is None else out
+    if weight.ndim == 2:  # of real numbers, which would else be made complex ones first
+        np.multiply(np.ascontiguousarray(columns).view(float), np.repeat(weight, 2, axis=1), out=found.view(float))
+        return found
+    return _weighed(_parts_of(weight), columns, found)
+
+
+_Parts = tuple[tuple[tuple[int, ComplexArray], ...], ...]
+"""Of matrices for each bin, row after row, numbers of columns and what is there, (bins,)."""
+
+
+def _parts_of(weight: ComplexArray) -> _Parts:
+    """The diagonal first, and of the rest what is not zero: most are lower triangular."""
+    return tuple(
+        ((row, parts[row]), *((i, part) for i, part in enumerate(parts) if i != row and part.any()))
+        for row, parts in enumerate(weight)
+    )
+
+
+def _weighed(weight: _Parts, columns: ComplexArray, found: ComplexArray) -> ComplexArray:
+    for row, ((_, own), *others) in enumerate(weight):
+        np.multiply(own, columns[:, row], out=found[:, row])
+        for column, part in others:
+            found[:, row] += part * columns[:, column]
     return found
 
 
@@ -48,15 +65,31 @@ class Whitening:
     ends: list[list[FloatArray]]
     """For every stack and segment an orthonormal basis (r, 2 k bins) of whitened end states."""
 
+    @cached_property
+    def _weights(self) -> list[list[_Parts]]:
+        """For every stack and segment, of unscaled outputs."""
+        whole = [
+            group.scale * white.transpose(1, 2, 0) for group, white in zip(self.stacks, self.whitener, strict=True)
+        ]
+        return [
+            [_parts_of(np.ascontiguousarray(weight[..., part])) for part in group.slices]
+            for group, weight in zip(self.stacks, whole, strict=True)
+        ]
+
     def __call__(self, outputs: Sequence[ComplexArray]) -> FloatArray:
         """For every stack (columns, k, bins), unscaled -> (columns, N)."""
-        parts = []
-        for group, whitener, bases, Y in zip(self.stacks, self.whitener, self.ends, outputs, strict=True):
-            white = weighed(group.scale * whitener.transpose(1, 2, 0), Y)
-            for part, basis in zip(group.slices, bases, strict=True):
-                some = rows(white[..., part])
-                parts.append(some - (some @ basis.T) @ basis)
-        return np.concatenate(parts, axis=1)
+        columns, k = len(outputs[0]), len(self.stacks[0].Y)
+        found = np.empty((columns, k * sum(Y.shape[2] for Y in outputs)), dtype=complex)
+        end = 0
+        for group, weights, bases, Y in zip(self.stacks, self._weights, self.ends, outputs, strict=True):
+            for part, weight, basis in zip(group.slices, weights, bases, strict=True):
+                bins = part.stop - part.start
+                begin, end = end, end + k * bins
+                some = found[:, begin:end]
+                _weighed(weight, Y[..., part], some.reshape(columns, k, bins))
+                real = some.view(float)
+                real -= (real @ basis.T) @ basis
+        return found.view(float)
 
     def louder(self, times: FloatArray) -> Whitening:
         """By noise that is so many times as loud, (bins,), all stacks', in standard deviations."""

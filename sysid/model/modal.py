@@ -7,7 +7,7 @@ what two modes do over the sample together (Daleckii and Krein): exact, without 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -47,7 +47,7 @@ class Modes:
 
     def sampled(self, dt: float) -> Modes:
         """The same modes over another sample."""
-        return replace(self, dt=dt)
+        return Modes(self.poles, self.V, self.W, dt)
 
     @cached_property
     def factor(self) -> ComplexArray:
@@ -62,24 +62,25 @@ class Modes:
     @cached_property
     def moved(self) -> ComplexArray:
         """(n, n): times W dA V what dA does to the motion over the sample."""
-        x, y = self.poles[:, None], self.poles[None, :]
-        swap = x.real < y.real
-        slower: ComplexArray = np.where(swap, y, x)
-        apart: ComplexArray = np.where(swap, x, y) - slower
-        return np.asarray(self.dt * np.exp(slower * self.dt) * _mean(np.asarray(apart * self.dt, dtype=np.complex128)))
+        x, factor = self.poles * self.dt, self.dt * self.factor
+        swap = x.real[:, None] < x.real
+        apart = x - x[:, None]
+        faster_less_slower = np.negative(apart, out=apart, where=swap)
+        return np.asarray(np.where(swap, factor, factor[:, None]) * _mean(faster_less_slower))
 
     @cached_property
     def held_moved(self) -> ComplexArray:
         """(n, n): times W dA V what it does to `held`, the differences of that over those of the poles."""
         x = self.poles * self.dt
-        a, b = np.broadcast_arrays(x[:, None], x)
-        further = np.where(np.abs(a) >= np.abs(b), a, b)
-        nearer = a + b - further
-        far = np.abs(further) > SHORT
-        closed = (self.moved / self.dt - _mean(nearer)) / np.where(far, further, 1.0)
-        if np.all(far):
-            return np.asarray(self.dt**2 * closed)
-        a, b = np.where(far, 0.0, a), np.where(far, 0.0, b)
+        size = np.abs(x)
+        swap = size[:, None] < size
+        further = np.where(swap, x, x[:, None])
+        of_nearer = np.where(swap, self.held[:, None], self.held)
+        far = np.maximum(size[:, None], size) > SHORT
+        if far.all():
+            return np.asarray(self.dt * (self.moved - of_nearer) / further)
+        closed = (self.moved - of_nearer) / self.dt / np.where(far, further, 1.0)
+        a, b = np.where(far, 0.0, x[:, None]), np.where(far, 0.0, x)
         series, power = np.zeros_like(a), np.ones_like(a)
         for k in range(TERMS):
             series, power = series + power / math.factorial(k + 2), a * power + b ** (k + 1)
@@ -101,4 +102,6 @@ def _inverse(V: ComplexArray) -> ComplexArray | None:
 def _mean(x: ComplexArray) -> ComplexArray:
     """(exp(x) - 1) / x."""
     still = x == 0
+    if not still.any():
+        return np.asarray(np.expm1(x) / x)
     return np.asarray(np.where(still, 1.0, np.expm1(x) / np.where(still, 1.0, x)))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, reduce
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,12 +22,15 @@ from sysid.data.stacks import Stack
 from sysid.model import polynomial
 from sysid.model.acting import acting_commands, divided, linear_dynamics
 from sysid.model.modal import Modes
+from sysid.model.monomials import linearised
 from sysid.model.relaxation import driven_by, relaxed_response
 from sysid.model.response import Ends, Response
-from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
+from sysid.model.structure import FloatArray, Matrices, Structure
 
 BLOCK = 512
 """Bins whose sensitivities are worked out together: what lies between stays in the processor's cache."""
+KEPT = 16
+"""Responses to logged inputs: of the few candidates that are looked at in turn."""
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -46,6 +49,32 @@ def respond(
     The free motion from `ends`, the last estimate of them, counts in the sensitivities: it changes with the parameters.
     Of a model that runs away, or that has no response, what comes out is not finite.
     """
+    if of is not None and len(of) == len(structure.names):
+        of = None
+    if U is None and ends is None:
+        numbers = None if of is None else tuple(of)
+        return _as_logged(structure, tuple(values.tolist()), stack, sensitivities, numbers)
+    return _respond(structure, values, stack, sensitivities=sensitivities, U=U, ends=ends, of=of)
+
+
+@lru_cache(maxsize=KEPT)
+def _as_logged(
+    structure: Structure, values: tuple[float, ...], stack: Stack, sensitivities: bool, of: tuple[int, ...] | None
+) -> Response:
+    """Kept: what ends a fit, judges it and compares it asks the same again; nobody changes what comes out."""
+    return _respond(structure, np.array(values), stack, sensitivities=sensitivities, of=of)
+
+
+def _respond(
+    structure: Structure,
+    values: FloatArray,
+    stack: Stack,
+    *,
+    sensitivities: bool,
+    U: ComplexArray | None = None,
+    ends: Ends | None = None,
+    of: Sequence[int] | None = None,
+) -> Response:
     if not linear_dynamics(structure):
         return relaxed_response(structure, values, stack, sensitivities=sensitivities, U=U, of=of)
     if U is not None and divided(structure)[0]:
@@ -76,22 +105,16 @@ def _linear_behind(
     front, rest = divided(structure)
     moving = wanted if sensitivities else ()
     acting, changes = acting_commands(structure, front, values, stack=stack, logged=U, moving=moving)
-    inner = np.array([values[structure.names.index(name)] for name in rest.names])
+    inner = values[[structure.names.index(name) for name in rest.names]] if front else values
     here = [name for name in wanted if name in rest.names]
-    found = _linear(
-        rest,
-        inner,
-        stack,
-        U=acting,
-        changes=list(changes.values()),
-        sensitivities=sensitivities,
-        initial=ends,
-        of=[rest.names.index(name) for name in here] if len(here) < len(rest.names) else None,
-    )
-    if found.J is None or (wanted == rest.names and not changes):
+    numbers = tuple(rest.names.index(name) for name in here) if sensitivities else None
+    found = _linear(rest, inner, stack, U=acting, changes=list(changes.values()), of=numbers, initial=ends)
+    if found.J is None or (len(here) == len(wanted) and not changes):
         return found
-    J = np.zeros((len(wanted), *found.J.shape[1:]), dtype=complex)
-    J[[wanted.index(name) for name in here]] = found.J[: len(here)]
+    J = found.J[: len(here)]
+    if len(here) < len(wanted):
+        J = np.zeros((len(wanted), *found.J.shape[1:]), dtype=complex)
+        J[[wanted.index(name) for name in here]] = found.J[: len(here)]
     J[[wanted.index(name) for name in changes]] += found.J[len(here) :]
     return replace(found, J=J)
 
@@ -111,73 +134,103 @@ class _Slopes(NamedTuple):
     """What each parameter moves."""
 
     turned: ComplexArray
-    """(parameters, n, n), between modes;"""
+    """(moving, n, n), between modes;"""
     drive: ComplexArray
-    """(parameters, n, n + m), from modes and inputs to modes over the time that inputs are held;"""
+    """(moving, n, n + m), from modes and inputs to modes over the time that inputs are held;"""
+    by_inputs: ComplexArray
+    """(still, n, m), from inputs alone;"""
     C: FloatArray
     D: FloatArray
+    moving: NDArray[np.intp]
+    """Numbers of those that move a mode,"""
+    still: NDArray[np.intp]
+    """and of those that do not."""
+    outside: bool
+    """Whether any moves C or D."""
 
 
 @lru_cache(maxsize=64)
-def _answering(structure: Structure, values: tuple[float, ...], held_s: float, sensitivities: bool) -> _Answering:
-    """Kept: fits, instruments and comparisons ask the same numbers on other bins and of other inputs."""
-    at = np.array(values)
-    matrices = structure.matrices(stepped(at) if sensitivities else at[None, :].astype(complex))
-    A, B, C, D = (x[0].real for x in matrices)
-    modes = Modes.of(A, held_s)
+def _modal(structure: Structure, values: tuple[float, ...], held_s: float) -> tuple[Modes, Matrices, Matrices]:
+    """Modes, matrices and the derivatives of these: first what is left is asked for, then often the slopes."""
+    here, moved = linearised(structure, np.array(values))
+    return Modes.of(here.A, held_s), here, moved
+
+
+@lru_cache(maxsize=64)
+def _answering(
+    structure: Structure, values: tuple[float, ...], held_s: float, of: tuple[int, ...] | None
+) -> _Answering:
+    """With slopes to the parameters of these numbers, or with none. Kept: fits, instruments and comparisons ask the
+    same numbers on other bins and of other inputs."""
+    modes, (_, B, C, D), moved = _modal(structure, values, held_s)
     W, WB, held = modes.W, modes.W @ B, modes.held[:, None]
-    if not sensitivities:
+    if of is None:
         return _Answering(modes, C, D, held * WB, None)
-    dA, dB, dC, dD = (x.imag / COMPLEX_STEP for x in matrices)
-    turned = W @ dA @ modes.V
-    drive = np.concatenate([turned * modes.moved, (turned * modes.held_moved) @ WB + held * (W @ dB)], axis=2)
-    return _Answering(modes, C, D, held * WB, _Slopes(turned, drive, dC, dD))
+    dA, dB, dC, dD = (x[list(of)] for x in moved)
+    moves = dA.any(axis=(1, 2))
+    moving, still = np.flatnonzero(moves), np.flatnonzero(~moves)
+    turned, driven = W @ dA[moving] @ modes.V, held * (W @ dB)
+    drive = np.concatenate([turned * modes.moved, (turned * modes.held_moved) @ WB + driven[moving]], axis=2)
+    slopes = _Slopes(turned, drive, driven[still], dC, dD, moving, still, bool(dC.any() or dD.any()))
+    return _Answering(modes, C, D, held * WB, slopes)
 
 
 def _linear(
     structure: Structure,
     values: FloatArray,
     stack: Stack,
+    *,
     U: ComplexArray,
     changes: Sequence[ComplexArray],
-    sensitivities: bool,
+    of: tuple[int, ...] | None,
     initial: Ends | None = None,
-    of: Sequence[int] | None = None,
 ) -> Response:
     """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J: `of`
-    these numbers, or all."""
-    modes, C, D, held, slopes = _answering(structure, tuple(values.tolist()), stack.held_s, sensitivities)
+    these numbers, or no J where that is None."""
+    modes, C, D, held, slopes = _answering(structure, tuple(values.tolist()), stack.held_s, of)
     sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
     V, W = modes.V, modes.W
-    poles = 1 / (stack.z_held - modes.factor[:, None])
-    free = 1 / (stack.z - sampled.factor[:, None]) if stack.thinned_log else poles
+    poles = _over(stack.z_held, modes.factor)
     CV = C @ V
-    X = (held @ U) * poles
-    Y = CV @ X + D @ U
+    X = held @ U
+    X *= poles
+    Y = CV @ X
+    if np.any(D):
+        Y += D @ U
+
+    @cache
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
+    def free() -> ComplexArray:
+        return _over(stack.z, sampled.factor) if stack.thinned_log else poles
 
     def end_columns() -> ComplexArray:
         n, k = len(V), len(C)
         to = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
-        return np.asarray((to @ (free * stack.z)).reshape(n, k, -1))
+        return np.asarray((to @ (free() * stack.z)).reshape(n, k, -1))
 
     if slopes is None:
         return Response(Y, end_columns, None)
-    if of is not None:
-        slopes = _Slopes(turned=slopes.turned[of], drive=slopes.drive[of], C=slopes.C[of], D=slopes.D[of])
-    freely = None if initial is None else _free_motion(stack, free, W, initial)
+    freely = None if initial is None else _free_motion(stack, free(), W, initial)
     driven, X = X, X if freely is None else X + freely
-    J = np.empty((len(slopes.drive), *Y.shape), dtype=complex)
-    moves = np.any(slopes.turned, axis=(1, 2))
-    ways = [(slopes.drive[moves], np.concatenate([driven if stack.thinned_log else X, U]), poles)]
+    count, still = len(slopes.C), slopes.still
+    J = np.empty((count + len(changes), *Y.shape), dtype=complex)
+    ways = [(slopes.drive, np.concatenate([driven if stack.thinned_log else X, U]), poles)]
     if freely is not None and stack.thinned_log:  # free motion goes on from sample to sample of the log
-        ways.append((slopes.turned[moves] * sampled.moved, freely, free))
-    _fill_with_moved(J, np.flatnonzero(moves), CV, ways)
-    J[~moves] = _by_inputs(CV, slopes.drive[~moves][:, :, len(V) :], poles, U)
-    if np.any(slopes.C) or np.any(slopes.D):
-        J = J + (slopes.C @ V) @ X + slopes.D @ U
-    if changes:
-        J = np.concatenate([J, [CV @ ((held @ dU) * poles) + D @ dU for dU in changes]])
+        ways.append((slopes.turned * sampled.moved, freely, free()))
+    _fill_with_moved(J, slopes.moving, CV, ways)
+    if still.size:
+        J[still] = _by_inputs(CV, slopes.by_inputs, poles, U)
+    if slopes.outside:
+        J[:count] += (slopes.C @ V) @ X + slopes.D @ U
+    for row, dU in zip(J[count:], changes, strict=True):
+        row[...] = CV @ ((held @ dU) * poles) + D @ dU
     return Response(Y, end_columns, J)
+
+
+def _over(z: ComplexArray, factor: ComplexArray) -> ComplexArray:
+    """1 / (z - factor), of bins z and modes' factors: (n, bins)."""
+    apart = z - factor[:, None]
+    return np.asarray(np.reciprocal(apart, out=apart))
 
 
 def _fill_with_moved(
@@ -193,19 +246,22 @@ def _fill_with_moved(
     size = J.shape[2]
     for part in (slice(begin, begin + BLOCK) for begin in range(0, size if count else 0, BLOCK)):
         inner = [
-            (drive.reshape(count * n, len(moving)) @ moving[:, part]).reshape(count, n, -1) * poles[:, part]
-            for drive, moving, poles in ways
+            (drive.reshape(count * n, len(moving)) @ moving[:, part]).reshape(count, n, -1) for drive, moving, _ in ways
         ]
-        J[numbers, :, part] = CV @ reduce(np.add, inner)
+        for one, (_, _, poles) in zip(inner, ways, strict=True):
+            one *= poles[:, part]
+        for one in inner[1:]:
+            inner[0] += one
+        J[numbers, :, part] = CV @ inner[0]
 
 
 def _by_inputs(CV: ComplexArray, drive: ComplexArray, poles: ComplexArray, U: ComplexArray) -> ComplexArray:
     """What parameters change that move no mode, but what inputs U (m, bins) do to the modes by `drive` (parameters, n,
     m); (parameters, k, bins). Most move one input alone."""
     found = np.zeros((len(drive), len(CV), U.shape[1]), dtype=complex)
-    for column, one in zip(drive.transpose(2, 0, 1), U, strict=True):
-        here = np.any(column, axis=1)
-        if np.any(here):
+    for column, one, moves in zip(drive.transpose(2, 0, 1), U, np.any(drive, axis=1).T, strict=True):
+        here = np.flatnonzero(moves)
+        if here.size:
             through = (CV * column[here, None]).reshape(-1, CV.shape[1]) @ poles
             found[here] += through.reshape(-1, *found.shape[1:]) * one
     return found

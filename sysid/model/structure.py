@@ -148,6 +148,12 @@ class Structure:
         """Constant coefficients throughout: the response is exact in matrices."""
         return all(effect.linear for effect in self.composed)
 
+    @property
+    def mean_channels(self) -> dict[str, FloatArray]:
+        """Channels of the flight condition, as they are at rest, by name."""
+        known = dict(self.constants)
+        return {name: np.array(known[mean]) for name, mean in FLIGHT_CONDITION.items() if name in self.channels}
+
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Values by name -> values in order, shape (parameters,). Raises KeyError for a missing name."""
         return np.array([values[name] for name in self.names], dtype=float)
@@ -169,11 +175,7 @@ class Structure:
         values = np.asarray(values)
         n, m = len(self.states), len(self.inputs)
         unit = SMALL_MOTION * np.eye(n + m)
-        signals = {name: unit[i] for i, name in enumerate((*self.states, *self.inputs))}
-        known = dict(self.constants)
-        signals.update(
-            {name: np.array(known[mean]) for name, mean in FLIGHT_CONDITION.items() if name in self.channels}
-        )
+        signals = {name: unit[i] for i, name in enumerate((*self.states, *self.inputs))} | self.mean_channels
         parameters = {name: value[..., None] for name, value in self.named(values).items()}
         rates, outputs = self.evaluate(parameters, signals)
         kind = np.result_type(values, float)

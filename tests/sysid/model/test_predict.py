@@ -46,7 +46,7 @@ def test_the_closed_form_equals_the_matrices(
     closed = respond(structure, values, group, False)  # type: ignore[arg-type]
     from sysid.model.predict import _linear
 
-    exact = _linear(structure, values, group, U=group.U, changes=[], sensitivities=False)  # type: ignore[arg-type]
+    exact = _linear(structure, values, group, U=group.U, changes=[], of=None)  # type: ignore[arg-type]
     np.testing.assert_allclose(closed.Y, exact.Y, atol=1e-8 * np.abs(exact.Y).max())
     for part in group.slices:  # other columns, of the same end states
         columns, same = (E[..., part].reshape(len(E), -1) for E in (closed.E, exact.E))
