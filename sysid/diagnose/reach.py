@@ -64,7 +64,7 @@ def _in_its_valley(one: Ranked, typical: Mapping[str, float], reference: Referen
     """By the noise from what is typical, nothing held, where it ends at values that physics allows and explains nearly
     as much: least squares may have taken slow gusts for answers, and a drag that pushes is a valley of its own."""
     assert one.fit is not None
-    near = Model(one.fit.model.structure, one.fit.model.structure.vector(one.fit.model.by_name | typical))
+    near = Model(one.fit.model.structure, one.fit.model.structure.vector({**one.fit.model.by_name, **typical}))
     free = by_the_noise(one.fit, near, reference.parent.metric) if one.fit.division.measured else None
     if free is None:
         return None
