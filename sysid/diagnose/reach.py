@@ -7,7 +7,7 @@ those of a slope. So what comes near to the best is fitted once more, with what 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,8 @@ what the catalogue does not have, and were likest to a drift, none more than 0.8
 
 def in_reach(candidates: Sequence[Ranked], reference: Reference) -> list[Ranked]:
     """The candidates; of those that may be the answer and have values outside what physics allows, each where that is
-    hardly less likely by values that it allows, or else, beside one that has none outside, with these as implausible.
+    hardly less likely by values that it allows, or in a valley of these; or else, beside one that has none outside,
+    with its own as implausible.
     """
     fits = [one for one in candidates if one.fit is not None]
     most = max((one.chi_squared for one in fits), default=0.0)
@@ -36,7 +37,15 @@ def in_reach(candidates: Sequence[Ranked], reference: Reference) -> list[Ranked]
     likeliest = min(near, key=lambda one: one.delta_bic, default=None)
     fair = any(not one.outside for one in near)
     asked = [one for one in near if one.implausible or (fair and one is not likeliest)]
-    return [_judged(one, reference) if any(one is each for each in asked) else one for one in candidates]
+    least = NEARLY_AS_MUCH * most
+    valleys = [one for one in fits if one.implausible and one.chi_squared > least and one.delta_bic < 0]
+
+    def allowed(one: Ranked) -> Ranked:
+        if any(one is each for each in asked):
+            return _judged(one, reference)
+        return (_in_its_valley(one, reference) or one) if any(one is each for each in valleys) else one
+
+    return [allowed(one) for one in candidates]
 
 
 def _judged(one: Ranked, reference: Reference) -> Ranked:
@@ -44,9 +53,8 @@ def _judged(one: Ranked, reference: Reference) -> Ranked:
     nearest = _outside(one)
     if not nearest or not one.fit.model.structure.linear:
         return one
-    typical = {each.name: each.typical for effect in one.own for each in effect.parameters if each.name in nearest}
     told = False
-    for values in (nearest, typical):  # what is allowed may have a valley of its own
+    for values in (nearest, _typical(one, nearest)):  # what is allowed may have a valley of its own
         held = _held(one.fit, values, reference.parent)
         again = one if held is None else ranked(replace(one, fit=held), reference)
         if again is one or again.fit is None:
@@ -54,22 +62,29 @@ def _judged(one: Ranked, reference: Reference) -> Ranked:
         if not again.implausible and again.chi_squared > one.chi_squared - SURELY**2:
             return replace(again, added=one.added) if one.implausible else one
         told = True
-    there = _in_its_valley(one, typical, reference) if one.implausible else None
+    there = _in_its_valley(one, reference) if one.implausible else None
     if there is not None:
         return there
     return replace(one, implausible=tuple(dict.fromkeys((*one.implausible, *nearest)))) if told else one
 
 
-def _in_its_valley(one: Ranked, typical: Mapping[str, float], reference: Reference) -> Ranked | None:
+def _in_its_valley(one: Ranked, reference: Reference) -> Ranked | None:
     """By the noise from what is typical, nothing held, where it ends at values that physics allows and explains nearly
     as much: least squares may have taken slow gusts for answers, and a drag that pushes is a valley of its own."""
     assert one.fit is not None
-    near = Model(one.fit.model.structure, one.fit.model.structure.vector({**one.fit.model.by_name, **typical}))
-    free = by_the_noise(one.fit, near, reference.parent.metric) if one.fit.division.measured else None
+    outside, model = _outside(one), one.fit.model
+    if not outside or not model.structure.linear or not one.fit.division.measured:
+        return None
+    near = Model(model.structure, model.structure.vector({**model.by_name, **_typical(one, outside)}))
+    free = by_the_noise(one.fit, near, reference.parent.metric)
     if free is None:
         return None
     there = ranked(replace(one, fit=free), reference)
     return None if there.implausible or there.chi_squared < NEARLY_AS_MUCH * one.chi_squared else there
+
+
+def _typical(one: Ranked, names: Collection[str]) -> dict[str, float]:
+    return {each.name: each.typical for effect in one.own for each in effect.parameters if each.name in names}
 
 
 def _outside(one: Ranked) -> dict[str, float]:

@@ -243,7 +243,6 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     fit = moved_on(fit, parent, astray)
     if begin is not None and shows:
         fit = _gone_on(fit, parent, one, begin)
-    fit = _where_physics_allows(fit, parent)
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
 
@@ -301,18 +300,6 @@ def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Ca
     if explained_by(fit, parent, parent.metric) >= promised:
         return fit
     return begun_at(fit, parent, begin.by_name) or fit
-
-
-def _where_physics_allows(fit: Candidate, parent: Candidate) -> Candidate:
-    """The fit of a linear entry; where a number that tells of which kind it is ended where physics does not allow it, a
-    better one by the noise from what is typical, if there is one: a drag that pushes is a valley of its own, and least
-    squares goes there for slow gusts."""
-    structure = fit.model.structure
-    if not (structure.linear and parent.division.measured):
-        return fit
-    own = [one for effect in structure.composed for one in effect.parameters if one.name in fit.free and not one.sizes]
-    typical = {one.name: one.typical for one in own if one.implausible(fit.model[one.name])}
-    return (begun_at(fit, parent, fit.model.by_name | typical) or fit) if typical else fit
 
 
 def _has_far_to_go(fit: Candidate, parent: Candidate) -> bool:
