@@ -31,19 +31,17 @@ def in_reach(candidates: Sequence[Ranked], reference: Reference) -> list[Ranked]
     hardly less likely by values that it allows, or in a valley of these; or else, beside one that has none outside,
     with its own as implausible.
     """
-    fits = [one for one in candidates if one.fit is not None]
-    most = max((one.chi_squared for one in fits), default=0.0)
-    near = [one for one in fits if one.chi_squared > most - SAME and one.delta_bic < 0]
+    able = [one for one in candidates if one.fit is not None and one.delta_bic < 0]
+    most = max((one.chi_squared for one in candidates if one.fit is not None), default=0.0)
+    near = [one for one in able if one.chi_squared > most - SAME]
     likeliest = min(near, key=lambda one: one.delta_bic, default=None)
     fair = any(not one.outside for one in near)
-    asked = [one for one in near if one.implausible or (fair and one is not likeliest)]
-    least = NEARLY_AS_MUCH * most
-    valleys = [one for one in fits if one.implausible and one.chi_squared > least and one.delta_bic < 0]
 
     def allowed(one: Ranked) -> Ranked:
-        if any(one is each for each in asked):
+        if one in near and (one.implausible or (fair and one is not likeliest)):
             return _judged(one, reference)
-        return (_in_its_valley(one, reference) or one) if any(one is each for each in valleys) else one
+        farther = one in able and one.implausible and one.chi_squared > NEARLY_AS_MUCH * most
+        return (_in_its_valley(one, reference) or one) if farther else one
 
     return [allowed(one) for one in candidates]
 
