@@ -152,7 +152,7 @@ class _Asked:
         candidates, pairs, reference, answer = self.candidates, chained.pairs, self.reference, self.answer
         chance = self.scored.chance
         if pairs:
-            pairs = tuple(sorted(in_reach(pairs, reference), key=rank))
+            pairs = tuple(_best_first(pairs, reference))
             answer = verdict_on(candidates, pairs, chance, reference)
             if answer.winner is not None and len(answer.chain) == 2:
                 try:
@@ -165,7 +165,7 @@ class _Asked:
                     answer = verdict_on(candidates, pairs, chance, reference)
         likelier = _likelier(answer, reference)
         if likelier is not None:
-            candidates = sorted(in_reach([compared(one, likelier) for one in candidates], likelier), key=rank)
+            candidates = _best_first([compared(one, likelier) for one in candidates], likelier)
             pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
             answer = verdict_on(candidates, pairs, chance, likelier)
         return replace(answer, first=_first(self.answer) if pairs else None, unsearched=chained.unsearched)
@@ -185,7 +185,7 @@ def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Sco
 def _asked(scored: _Scored, validation: Dataset | None, say: Listener) -> _Asked:
     candidates = scored.refitted(scored.candidates, say)
     reference = _reference(scored.parent, candidates, scored.users, validation)
-    candidates = sorted(in_reach(_held_against(reference, candidates, say), reference), key=rank)
+    candidates = _best_first(_held_against(reference, candidates, say), reference)
     say(Asking(stage=Stage.WEIGHING))
     answer = verdict_on(candidates, (), scored.chance, reference)
     return _Asked(scored=scored, candidates=candidates, reference=reference, answer=answer)
@@ -268,6 +268,11 @@ def _held_against(reference: Reference, candidates: Sequence[Ranked], say: Liste
         if one.fit is not None:
             say(heard(found[-1], reference.parent))
     return found
+
+
+def _best_first(candidates: Sequence[Ranked], reference: Reference) -> list[Ranked]:
+    """The candidates where physics allows them, ranked."""
+    return sorted(in_reach(candidates, reference), key=rank)
 
 
 def _first(answer: Diagnosis) -> FirstAnswer:

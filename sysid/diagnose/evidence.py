@@ -444,7 +444,8 @@ class White:
 
     def power(self, row: FloatArray) -> float:
         """The same in one number."""
-        return float((rest := self.shows(row)) @ rest)
+        shown = self.shows(row)
+        return float(shown @ shown)
 
     def move(self, one: Candidate) -> FloatArray:
         """Of the candidate's free parameters, between their bounds, to where the imposed commands leave least."""

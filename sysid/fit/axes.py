@@ -11,7 +11,8 @@ from sysid.data.airframe import Airframe
 from sysid.data.preprocess import Spectrum
 from sysid.data.record import AXIS_OF, CYCLIC, RATES, axis_of
 from sysid.errors import FitError
-from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Model, Structure, stepped
+from sysid.model.monomials import linearised
+from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
 LEAST_COMMAND = 2e-4  # rms of full command in the band: one step of a 12-bit servo
 LEAST_INDEPENDENT_SHARE = 0.002
@@ -165,18 +166,16 @@ def _effectiveness(
 
     Servo states stand between command and base, so a response is taken instead of B.
     """
-    matrices = structure.matrices(stepped(values))
+    here, moved = linearised(structure, values)
     s = 2j * np.pi * frequency_hz
-    n = matrices.A.shape[-1]
+    n = len(here.A)
 
     def reach(A: AnyArray, B: AnyArray) -> AnyArray:
         return np.linalg.solve(s * np.eye(n) - A, B[..., column : column + 1])[..., 0]
 
-    A0, B0 = matrices.A[0].real, matrices.B[0].real
-    base = reach(A0, B0)
-    R = np.linalg.inv(s * np.eye(n) - A0)
-    dA, dB = matrices.A.imag / COMPLEX_STEP, matrices.B.imag / COMPLEX_STEP
-    slopes = (R @ (dA @ base[:, None] + dB[..., column : column + 1]))[..., 0]
+    base = reach(here.A, here.B)
+    R = np.linalg.inv(s * np.eye(n) - here.A)
+    slopes = (R @ (moved.A @ base[:, None] + moved.B[..., column : column + 1]))[..., 0]
     at = [structure.states.index(name) for name in structure.outputs]
     size = np.abs(base[at])
     return size, np.real(slopes[:, at] * base[at].conj() / np.maximum(size, 1e-300)).T

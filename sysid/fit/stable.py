@@ -18,8 +18,9 @@ from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, Weights, estimate
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows
+from sysid.model.monomials import linearised
 from sysid.model.predict import respond
-from sysid.model.structure import COMPLEX_STEP, FloatArray, Model, stepped
+from sysid.model.structure import FloatArray, Model
 
 STABILITY_PUSHES = (0.03, 0.3, 3.0, 30.0)
 STABILITY_MARGIN = 0.1  # 1/s
@@ -100,8 +101,8 @@ def _steadied(free: Estimate, bins: Bins) -> Settled | None:
 
 def largest_pole(model: Model) -> tuple[float, FloatArray | None]:
     """The largest real part of a pole, 1/s, and its slopes to the parameters; None where two fell together there."""
-    matrices = model.structure.matrices(stepped(model.values))
-    A = matrices.A[0].real
+    here, moved = linearised(model.structure, model.values)
+    A = here.A
     poles, right = np.linalg.eig(A)
     at = int(np.argmax(poles.real))
     # of this pole alone: others that fell together, as critically damped servos' do, have no inverse
@@ -111,7 +112,7 @@ def largest_pole(model: Model) -> tuple[float, FloatArray | None]:
     if abs(common) < SMALLEST_COMMON:
         return float(poles[at].real), None
     left = left / common
-    return float(poles[at].real), np.asarray(((left @ (matrices.A.imag / COMPLEX_STEP)) @ right[:, at]).real)
+    return float(poles[at].real), np.asarray(((left @ moved.A) @ right[:, at]).real)
 
 
 def held_stable(

@@ -54,7 +54,7 @@ def respond(
     if U is None and ends is None:
         numbers = None if of is None else tuple(of)
         return _as_logged(structure, tuple(values.tolist()), stack, sensitivities, numbers)
-    return _respond(structure, values, stack, sensitivities=sensitivities, U=U, ends=ends, of=of)
+    return _worked_out(structure, values, stack, (sensitivities, of), U, ends)
 
 
 @lru_cache(maxsize=KEPT)
@@ -62,19 +62,23 @@ def _as_logged(
     structure: Structure, values: tuple[float, ...], stack: Stack, sensitivities: bool, of: tuple[int, ...] | None
 ) -> Response:
     """Kept: what ends a fit, judges it and compares it asks the same again; nobody changes what comes out."""
-    return _respond(structure, np.array(values), stack, sensitivities=sensitivities, of=of)
+    return _worked_out(structure, np.array(values), stack, (sensitivities, of))
 
 
-def _respond(
+_Wanted = tuple[bool, Sequence[int] | None]
+"""Whether sensitivities are, and to the parameters of which numbers, where not to all."""
+
+
+def _worked_out(
     structure: Structure,
     values: FloatArray,
     stack: Stack,
-    *,
-    sensitivities: bool,
+    what: _Wanted,
     U: ComplexArray | None = None,
     ends: Ends | None = None,
-    of: Sequence[int] | None = None,
 ) -> Response:
+    """`respond`, whatever is known already."""
+    sensitivities, of = what
     if not linear_dynamics(structure):
         return relaxed_response(structure, values, stack, sensitivities=sensitivities, U=U, of=of)
     if U is not None and divided(structure)[0]:

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
+from sysid.model.monomials import linearised
+from sysid.model.structure import AnyArray, FloatArray, Structure
 
 RELATIVE_STEP = 1e-6
 
@@ -32,9 +33,8 @@ def transfer(structure: Structure, values: FloatArray, frequency_hz: FloatArray)
 def slopes(structure: Structure, values: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
     """Derivatives of `transfer` to each parameter, (parameters, k, m, frequencies)."""
     s = 2j * np.pi * frequency_hz
-    matrices = structure.matrices(stepped(values))
-    A, B, C, D = (x[0].real for x in matrices)
-    dA, dB, dC, dD = (x.imag[:, None] / COMPLEX_STEP for x in matrices)
+    (A, B, C, D), moved = linearised(structure, values)
+    dA, dB, dC, dD = (x[:, None] for x in moved)
     R = np.linalg.inv(s[:, None, None] * np.eye(A.shape[0]) - A)
     X = R @ B
     found = (C @ R) @ (dA @ X + dB) + dC @ X + dD
