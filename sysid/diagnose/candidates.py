@@ -251,16 +251,14 @@ def chance_of_noise(division: Division, scores: Sequence[Score], stepped: Steppe
     """Logarithm of the chance that noise alone shows as much as the best of all questions.
 
     Where what is left, as it was `stepped` in this whitening, comes in bursts, windows of frequency alone tell nothing:
-    a short chirp passes some in a burst and others in the calm. An entry has to show it, too, before its bursts are
-    taken off. (Three clean flights of 8 to 16 s showed as much by windows at 1e-25 to 1e-47, and no entry at 1e-4; of
-    107 that hid something and showed it there in rough air every one had an entry that did.)
+    a short chirp passes some in a burst and others in the calm. An entry has to show it, too, as far as that is sure in
+    bursts. (Four clean flights of 8 to 16 s showed as much by windows at 1e-25 to 1e-47, one of them an entry at 1e-7,
+    and none surely; of 129 that hid something and came in bursts two did not, slung loads.)
     """
     linear = log_chance(division.chi_squared, division.degrees)
-    places = math.log(max(len(scores), 1))
-    shown = min((one.log_p for one in scores), default=0.0) + places
-    if linear < SIGNIFICANT <= shown and division.measured and stepped.envelope(whitening).rough:
+    best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
+    if linear < SIGNIFICANT <= best and division.measured and stepped.envelope(whitening).rough:
         linear = 0.0
-    best = min((one.log_p_surely for one in scores), default=0.0) + places
     return of_all_questions(min(linear, best), division)
 
 

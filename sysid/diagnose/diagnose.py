@@ -13,7 +13,7 @@ study`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -38,6 +38,7 @@ from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step
 from sysid.diagnose.growing_modes import likeliest
 from sysid.diagnose.halves import halves_alone
+from sysid.diagnose.held_anew import held_anew
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.likely import SAME
 from sysid.diagnose.loop_change import Limit
@@ -48,8 +49,10 @@ from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
+from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
+from sysid.fit.clocks import FoundHold
 from sysid.fit.estimate import best_values, refuse_vague
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
@@ -100,7 +103,17 @@ def diagnose(
     asked, by_usual = _by_either(scored, _judging(validated_on, parent, loop_s), there, say)
     if usual is not None and by_usual:
         thinned = usual.what
+
+    def held_as(found: FoundHold) -> _Asked:
+        there = refitted(on.held(found.loop_s), asked.scored.parent.model)
+        return _asked(_scored(there, effects, say), _judging(validated_on, there, found.loop_s), say)
+
+    asked, hold = _held_anew(asked, asked.answer, fixed, held_as)
     answer = _with_chains(asked, say, limit) if chains else asked.finished(ChainSearch())
+    alone = _alone_by_a_pairs_hold(asked, answer, fixed, held_as)
+    if alone is not None:
+        hold, answer = alone[1], _with_chains(alone[0], say, limit)
+    thinned = thinned if hold is None else hold.what
     if answer.verdict != "missing":  # of an axis that is hardly known only the effect is told that would make it known
         last = answer.parent
         refuse_vague(last.estimate, last.dataset.viewed(last.model.structure.inputs))
@@ -207,6 +220,37 @@ def _by_either(
     return (asked, False) if nothing or not _as_likely(other, asked.likeliest) else (other, True)
 
 
+def _held_anew(
+    asked: _Asked, answer: Diagnosis, fixed: Mapping[str, float], held_as: Callable[[FoundHold], _Asked]
+) -> tuple[_Asked, FoundHold | None]:
+    """What is asked of the runs as the likeliest of an answer shows that a loop held them (`held_as`), where that makes
+    them likelier, and that hold; None, and what was asked, where it does not. A single effect that was named stays
+    where they are as likely."""
+    reference = asked.reference
+    hold = held_anew(answer.candidates, answer.pairs, reference, fixed) if asked.scored.significant else None
+    if hold is None:
+        return asked, None
+    other, winner = held_as(hold), answer.winner
+    here = asked.likeliest if winner is None or winner.fit is None else winner.fit
+    named = answer.verdict == "missing" and len(answer.chain) == 1
+    return (other, hold) if _ahead(other, here) > (SAME if named else -SAME) else (asked, None)
+
+
+def _alone_by_a_pairs_hold(
+    asked: _Asked, answer: Diagnosis, fixed: Mapping[str, float], held_as: Callable[[FoundHold], _Asked]
+) -> tuple[_Asked, FoundHold] | None:
+    """What is asked as the pairs of an answer show that commands were held, where a single effect then explains as much
+    as they do; None where none does, or the search was ended: what was found until then is the answer."""
+    spent = answer.unsearched
+    if not answer.pairs or (isinstance(spent, BudgetSpent) and spent.interrupted):
+        return None
+    try:
+        other, hold = _held_anew(asked, answer, fixed, held_as)
+    except KeyboardInterrupt:
+        return None
+    return None if hold is None or other.answer.verdict != "missing" else (other, hold)
+
+
 def _the_likeliest(scored: _Scored, other: _Asked, say: Listener) -> Candidate:
     """Of the entries that score best, and of those that are best in the other answer, the likeliest refit."""
     best = sorted((one for one in scored.candidates if one.score is not None), key=rank)
@@ -227,13 +271,17 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
 
 
 def _as_likely(other: _Asked, here: Candidate) -> bool:
-    """Whether the best that explains the runs as the other takes them is no less likely than this."""
+    return _ahead(other, here) > -SAME
+
+
+def _ahead(other: _Asked, here: Candidate) -> float:
+    """By how much the best that explains the runs as the other takes them is likelier than this, its numbers paid."""
     there = other.likeliest
     metric = min(here, there, key=_error).metric
     added = there.fitted - here.fitted
     rows = other.reference.stepped.residual.size
     better = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (there, here)))[0]
-    return better - added * math.log(rows) > -SAME
+    return better - added * math.log(rows)
 
 
 def _beyond_the_catalogue(

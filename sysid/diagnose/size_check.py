@@ -107,7 +107,8 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
 
 
 def _beside(one: Candidate, again: Estimate, effects: Sequence[Effect], fixed: Mapping[str, float]) -> list[Size]:
-    """Sizes as they were fitted, beside those of the other runs; those that both determine."""
+    """Sizes as they were fitted, beside those of the other runs; those that both determine. What says of which kind an
+    effect is and is not possible there tells nothing: slow gusts were taken for a drag that pushes."""
     model, names = one.model, one.model.structure.names
     here, there = (np.sqrt(np.maximum(np.diag(each.covariance), 0)) for each in (one.estimate, again))
     found: list[Size] = []
@@ -124,7 +125,8 @@ def _beside(one: Candidate, again: Estimate, effects: Sequence[Effect], fixed: M
                 elsewhere=float(again.model.values[i]),
                 elsewhere_error=float(there[i]),
             )
-            if np.all(np.isfinite((size.fitted, size.error, size.elsewhere, size.elsewhere_error))):
+            told = parameter.sizes or not parameter.implausible(size.elsewhere)
+            if told and np.all(np.isfinite((size.fitted, size.error, size.elsewhere, size.elsewhere_error))):
                 own.append(size)
         found += [replace(one, whole=_largest(own, one.parameter.unit)) for one in own]
     return found

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
-from sysid.diagnose.score import BEYOND_BURSTS, in_bursts
+from sysid.diagnose.score import in_bursts
 from sysid.diagnose.terms import Entry
 from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.innovations import Innovations
@@ -43,6 +43,9 @@ FAR = 15.0
 """In log p: more than what `BY_CHANCE`, and a second coefficient, are worth."""
 EQUAL = 2.0
 """In log p: what an entry in fewer signals may lack of the best to speak for it."""
+BEYOND_BURSTS = math.log(1e-12)
+"""Chance below which no burst explains the best of so many terms: of a clean flight one had 2e-10, and 1 as far as it
+is sure in bursts."""
 MOST_TERMS = 4
 
 

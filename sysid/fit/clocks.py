@@ -124,6 +124,36 @@ def found_hold(
     return Hold(what, loop_s if second is None else _loop_s(sample_s, loop_s, second.early_s), near)
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class FoundHold:
+    """A hold other than that by which runs are taken, as a model of them showed."""
+
+    what: CommandsThinned
+    """Taken as held from sample to sample."""
+    loop_s: float
+
+
+def untold_sample_s(runs: Dataset) -> float | None:
+    """The sample, s, of a log that does not tell its loop and may have thinned its commands; None of others."""
+    if any(one.loop_known or one.maneuver == RESPONSE for one in runs.records):
+        return None
+    sample_s = max(piece.dt for piece in runs.pieces)
+    return sample_s if sample_s - SHORTEST_S > 2 * LITTLE_S else None
+
+
+def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> FoundHold | None:
+    """The hold that a model shows, fitted to runs that are held otherwise; None where it shows none, or the same."""
+    sample_s = untold_sample_s(runs)
+    found = None if sample_s is None else _by(model, runs, fixed)
+    if sample_s is None or found is None or abs(found.early_s) < max(LITTLE_S, LIKELY * found.error_s):
+        return None
+    held_s = runs.found_loop_s or sample_s
+    loop_s = _loop_s(sample_s, held_s, found.early_s)
+    if same_hold(loop_s, held_s):
+        return None
+    return FoundHold(CommandsThinned(0.5 * (sample_s - loop_s), found.error_s, sample_s), loop_s)
+
+
 def same_hold(one_s: float | None, other_s: float | None) -> bool:
     """Whether two holds, s, None of a whole sample, move commands alike as far as logs tell."""
     if one_s is None or other_s is None:
@@ -188,7 +218,7 @@ def _timed(model: Model, wider: Structure, runs: Dataset, fixed: Mapping[str, fl
         return None
     place = wider.names.index("command_time")
     variance = found.covariance[place, place]
-    if found.at_bound or variance <= 0:
+    if "command_time" in found.at_bound or variance <= 0:
         return None
     own = [wider.names.index(name) for name in model.structure.names]
     with_time = found.covariance[own, place]

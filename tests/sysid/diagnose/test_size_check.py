@@ -8,6 +8,8 @@ from functools import cache
 import pytest
 from planted import fly_many
 from planted_fits import records
+from strangers.asking import ask
+from strangers.flights import fly
 
 from sysid.data.dataset import dataset
 from sysid.data.preprocess import DEFAULT_BAND_HZ
@@ -17,10 +19,13 @@ from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.verdict import LARGEST_DIFFERENCE, Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.effect import catalogue
+from sysid.model.parameter import Parameter
 
 SECONDS = 20.0
 TAU_S = 0.03
 LESS = 0.75
+IN_BURSTS = 4065461
+"""A hover's drift: slow gusts of the runs that judge are taken for a drag that pushes, by six standard errors."""
 MOVING = ("delta_x", "delta_y", "p", "q")
 
 
@@ -103,3 +108,19 @@ def test_what_a_coupling_adds_elsewhere_is_held_against_all_of_it() -> None:
     assert alone.off > LARGEST_DIFFERENCE
     assert replace(alone, whole=17.0).off < LARGEST_DIFFERENCE
     assert replace(alone, whole=2.0).off == alone.off
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("speed_stability", "attitude_stiffness")], indirect=True)
+def test_a_kind_that_is_not_possible_elsewhere_contradicts_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    stranger = fly(IN_BURSTS)
+    found = ask(stranger).first
+    assert (found.verdict, found.effect) == ("missing", "speed_stability")
+    assert "Y_v" not in {one.parameter.name for one in found.sizes}
+    monkeypatch.setattr(Parameter, "sizes", property(lambda _: True))
+    sizes.cache_clear()
+    contradicted = ask(stranger).first
+    assert contradicted.verdict == "unexplained"
+    (drag,) = contradicted.sizes_that_differ
+    assert (drag.parameter.name, drag.elsewhere > 0) == ("Y_v", True)
+    sizes.cache_clear()

@@ -12,9 +12,9 @@ from strangers.flights import Stranger, fly
 from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
 from sysid.diagnose import diagnose as diagnosing
-from sysid.diagnose import refits
+from sysid.diagnose import refits, shares, term_search
 from sysid.diagnose.evidence import Candidate, candidate
-from sysid.diagnose.score import log_chance
+from sysid.diagnose.score import Score, log_chance
 from sysid.diagnose.shown import as_loud_as_it_is
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import bursts
@@ -34,6 +34,11 @@ BURSTS = 4012857
 """A complete model of a vehicle that was flown in gusts in bursts, one chirp of 8 s an axis."""
 DRIFTING = 2000266
 """Two effects in strong gusts and chirps of 10 s from 0.5 Hz on."""
+
+IN_SLOW_GUSTS = 4059740
+"""A disc that the yaw rate turns, 0.61 of what can be explained by power, and by the noise all of it."""
+MET_BY_A_BURST = 4065794
+"""Another of 8.5 s, where a burst makes an entry as well, at 5e-8, and one of many terms at 2e-10."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -146,3 +151,32 @@ def test_a_burst_that_a_short_chirp_met_is_no_effect(monkeypatch: pytest.MonkeyP
     assert found.stepped.envelope(found.whitening).rough
     monkeypatch.setattr(bursts, "ROUGH", math.inf)
     assert asked(BURSTS).verdict == "unexplained"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("yaw_coupling", "stabiliser_bar")], indirect=True)
+def test_what_shows_in_a_burst_alone_is_no_effect_and_no_term(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(MET_BY_A_BURST)
+    assert found.verdict == "complete"
+    assert log_chance(found.division.chi_squared, found.division.degrees) < math.log(1e-30), "window by window"
+    by_power = {one.effect: one.score.log_p for one in found.candidates if one.score is not None}
+    assert by_power["yaw_coupling"] < math.log(1e-6)
+    with monkeypatch.context() as one:
+        one.setattr(term_search, "BEYOND_BURSTS", math.log(1e-9))
+        assert asked(MET_BY_A_BURST).verdict == "unexplained", "by one of many terms"
+    monkeypatch.setattr(Score, "log_p_surely", Score.log_p)
+    assert asked(MET_BY_A_BURST).verdict == "unexplained", "by an entry"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("yaw_coupling", "speed_stability")], indirect=True)
+def test_what_leaves_nothing_by_the_noise_is_named_where_powers_are_in_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(IN_SLOW_GUSTS)
+    assert (found.verdict, found.effect) == ("missing", "yaw_coupling")
+    assert found.explained_share is not None
+    assert shares.DOUBTFUL < found.explained_share < shares.NEARLY
+    with monkeypatch.context() as one:
+        one.setattr(shares, "NEARLY_ALL", 1.01)
+        assert asked(IN_SLOW_GUSTS).verdict == "unexplained", "something is left"
+    monkeypatch.setattr(shares, "DOUBTFUL", shares.NEARLY)
+    assert asked(IN_SLOW_GUSTS).verdict == "unexplained", "powers tell"

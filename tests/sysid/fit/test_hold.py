@@ -18,7 +18,7 @@ from sysid.diagnose.clocks import clocks
 from sysid.diagnose.diagnose import diagnose
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.checks import fit_checks
-from sysid.fit.clocks import early_commands
+from sysid.fit.clocks import early_commands, hold_beside, untold_sample_s
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
@@ -26,6 +26,7 @@ from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
 from sysid.model.effect import at_null
 from sysid.model.predict import respond
+from sysid.model.structure import Model
 
 LOOP_S = planted.DT
 BAND = (0.0, 15.0)
@@ -111,6 +112,26 @@ def test_a_found_loop_stays_with_what_is_made_of_the_fit() -> None:
     assert again.found_loop_s == pytest.approx(bare.found_loop_s)
     assert np.allclose(again.model.values, bare.model.values, rtol=1e-4)
     assert np.allclose(again.covariance, bare.covariance, rtol=1e-2, atol=1e-12)
+
+
+def test_runs_that_are_held_otherwise_than_their_model_shows_show_it() -> None:
+    runs = prepared(logged(flown(), 5, None), BAND)
+    truth = TPP.vector(dict(planted.TABLE_4))
+    for loop_s in (0.0065, 0.01, None):
+        found = hold_beside(Model(TPP, truth), runs.held(loop_s), {})
+        assert found is not None
+        assert found.loop_s == pytest.approx(LOOP_S, abs=4e-4)
+        assert found.what.early_s == pytest.approx(2 * LOOP_S, abs=2e-4)
+        assert found.what.sample_s == 5 * LOOP_S
+    assert hold_beside(Model(TPP, truth), runs.held(LOOP_S), {}) is None, "they are held so"
+
+
+@pytest.mark.parametrize(("every", "loop_s"), [(5, LOOP_S), (1, None)])
+def test_a_loop_that_is_told_or_logged_whole_shows_no_other_hold(every: int, loop_s: float | None) -> None:
+    runs = prepared(logged(flown(), every, loop_s), BAND)
+    late = Model(TPP, TPP.vector({**planted.TABLE_4, "tau_f": 0.08}))
+    assert (untold_sample_s(runs) is None) == (loop_s is not None)
+    assert hold_beside(late, runs, {}) is None
 
 
 @pytest.mark.parametrize("every", [1, 5])
