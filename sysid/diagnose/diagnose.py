@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from sysid.diagnose.likely import SAME
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.reach import in_reach
-from sysid.diagnose.refits import refit_serious
+from sysid.diagnose.refits import refit_or_reason, refit_serious
 from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
@@ -52,7 +53,7 @@ from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
 from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.fit.clocks import FoundHold
+from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.estimate import best_values, refuse_vague
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
@@ -94,6 +95,9 @@ def diagnose(
     def refitted(runs: Dataset, near: Model) -> Candidate:
         return _parent(structure, runs, fixed, near)
 
+    def asked_of(parent: Candidate, loop_s: float | None) -> _Asked:
+        return _asked(_scored(parent, effects, say), _judging(validated_on, parent, loop_s), say)
+
     parent, thinned, loop_s = as_held(_parent(structure, on, fixed, begin), fixed, refitted)
     scored = _scored(parent, effects, say)
     usual = by_a_usual_loop(parent, refitted) if scored.significant else None
@@ -103,17 +107,17 @@ def diagnose(
     asked, by_usual = _by_either(scored, _judging(validated_on, parent, loop_s), there, say)
     if usual is not None and by_usual:
         thinned = usual.what
-
-    def held_as(found: FoundHold) -> _Asked:
-        there = refitted(on.held(found.loop_s), asked.scored.parent.model)
-        return _asked(_scored(there, effects, say), _judging(validated_on, there, found.loop_s), say)
-
-    asked, hold = _held_anew(asked, asked.answer, fixed, held_as)
+    anew = _held_anew(asked, asked.answer, fixed, refitted)
+    if anew is not None:
+        asked, thinned = asked_of(*anew.of), anew.what
     answer = _with_chains(asked, say, limit) if chains else asked.finished(ChainSearch())
-    alone = _alone_by_a_pairs_hold(asked, answer, fixed, held_as)
-    if alone is not None:
-        hold, answer = alone[1], _with_chains(alone[0], say, limit)
-    thinned = thinned if hold is None else hold.what
+    try:
+        anew = _held_anew(asked, answer, fixed, refitted) if _searched(answer) else None
+        alone = None if anew is None else asked_of(*anew.of)
+    except KeyboardInterrupt:  # what was found until then is the answer
+        anew = alone = None
+    if anew is not None and alone is not None and alone.answer.verdict == "missing":
+        answer, thinned = _with_chains(alone, say, limit), anew.what
     if answer.verdict != "missing":  # of an axis that is hardly known only the effect is told that would make it known
         last = answer.parent
         refuse_vague(last.estimate, last.dataset.viewed(last.model.structure.inputs))
@@ -220,35 +224,37 @@ def _by_either(
     return (asked, False) if nothing or not _as_likely(other, asked.likeliest) else (other, True)
 
 
+class _Anew(NamedTuple):
+    """The structure fitted to the runs as a loop held them, as something beside it showed."""
+
+    of: tuple[Candidate, float]
+    """And how long that was, s."""
+    what: CommandsThinned
+
+
 def _held_anew(
-    asked: _Asked, answer: Diagnosis, fixed: Mapping[str, float], held_as: Callable[[FoundHold], _Asked]
-) -> tuple[_Asked, FoundHold | None]:
-    """What is asked of the runs as the likeliest of an answer shows that a loop held them (`held_as`), where that makes
-    them likelier, and that hold; None, and what was asked, where it does not. A single effect that was named stays
-    where they are as likely."""
-    reference = asked.reference
-    hold = held_anew(answer.candidates, answer.pairs, reference, fixed) if asked.scored.significant else None
-    if hold is None:
-        return asked, None
-    other, winner = held_as(hold), answer.winner
+    asked: _Asked, answer: Diagnosis, fixed: Mapping[str, float], fitted: Callable[[Dataset, Model], Candidate]
+) -> _Anew | None:
+    """The hold that the likeliest of an answer shows, where that is likelier by it than the answer; None where none is.
+    A single effect that was named stays where it is as likely."""
+    reference, winner = asked.reference, answer.winner
+    shown = held_anew(answer.candidates, answer.pairs, reference, fixed) if asked.scored.significant else None
+    if shown is None:
+        return None
+    loop_s = shown.hold.loop_s
+    parent = fitted(reference.parent.dataset.held(loop_s), reference.parent.model)
+    there = refit_or_reason(shown.model.structure, parent, shown.effects, shown.model)[0]
     here = asked.likeliest if winner is None or winner.fit is None else winner.fit
     named = answer.verdict == "missing" and len(answer.chain) == 1
-    return (other, hold) if _ahead(other, here) > (SAME if named else -SAME) else (asked, None)
+    if there is None or _ahead(there, here) <= (SAME if named else -SAME):
+        return None
+    return _Anew((parent, loop_s), shown.hold.what)
 
 
-def _alone_by_a_pairs_hold(
-    asked: _Asked, answer: Diagnosis, fixed: Mapping[str, float], held_as: Callable[[FoundHold], _Asked]
-) -> tuple[_Asked, FoundHold] | None:
-    """What is asked as the pairs of an answer show that commands were held, where a single effect then explains as much
-    as they do; None where none does, or the search was ended: what was found until then is the answer."""
-    spent = answer.unsearched
-    if not answer.pairs or (isinstance(spent, BudgetSpent) and spent.interrupted):
-        return None
-    try:
-        other, hold = _held_anew(asked, answer, fixed, held_as)
-    except KeyboardInterrupt:
-        return None
-    return None if hold is None or other.answer.verdict != "missing" else (other, hold)
+def _searched(answer: Diagnosis) -> bool:
+    """Whether pairs were found, and nobody ended the search."""
+    left = answer.unsearched
+    return bool(answer.pairs) and not (isinstance(left, BudgetSpent) and left.interrupted)
 
 
 def _the_likeliest(scored: _Scored, other: _Asked, say: Listener) -> Candidate:
@@ -271,17 +277,15 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
 
 
 def _as_likely(other: _Asked, here: Candidate) -> bool:
-    return _ahead(other, here) > -SAME
+    """Whether the best that explains the runs as the other takes them is no less likely than this."""
+    return _ahead(other.likeliest, here) > -SAME
 
 
-def _ahead(other: _Asked, here: Candidate) -> float:
-    """By how much the best that explains the runs as the other takes them is likelier than this, its numbers paid."""
-    there = other.likeliest
+def _ahead(there: Candidate, here: Candidate) -> float:
+    """By how much one is likelier than another, their numbers paid, whatever hold the runs are taken by."""
     metric = min(here, there, key=_error).metric
-    added = there.fitted - here.fitted
-    rows = other.reference.stepped.residual.size
-    better = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (there, here)))[0]
-    return better - added * math.log(rows)
+    steps = [instrumental_step(one.asked_in(metric), metric) for one in (there, here)]
+    return gain(*steps)[0] - (there.fitted - here.fitted) * math.log(steps[0].residual.size)
 
 
 def _beyond_the_catalogue(

@@ -7,6 +7,7 @@ of 250 Hz had held 4. By that an effect that would explain all explains a quarte
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from sysid.diagnose.candidates import Ranked, Reference, composed_with
 from sysid.fit.clocks import FoundHold, hold_beside, untold_sample_s
@@ -17,22 +18,34 @@ FEW, FEW_PAIRS = 3, 2
 """How many of the likeliest are asked, and of how many pairs each half."""
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class HeldAnew:
+    """Another hold than the runs are taken by, and what shows it."""
+
+    hold: FoundHold
+    effects: tuple[str, ...]
+    model: Model
+    """With these, fitted to the runs as they are taken."""
+
+
 def held_anew(
     singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference, fixed: Mapping[str, float]
-) -> FoundHold | None:
+) -> HeldAnew | None:
     """The hold that the first of the likeliest shows to be another than the runs are taken by; None where the log tells
     its loop, or none does. Candidates and pairs best first."""
     runs = reference.parent.dataset
     if untold_sample_s(runs) is None:
         return None
-    for model in _likeliest(singles, pairs, reference):
+    for effects, model in _likeliest(singles, pairs, reference):
         found = hold_beside(model, runs, fixed)
         if found is not None:
-            return found
+            return HeldAnew(found, effects, model)
     return None
 
 
-def _likeliest(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference) -> Iterator[Model]:
+def _likeliest(
+    singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference
+) -> Iterator[tuple[tuple[str, ...], Model]]:
     """Models of the halves of pairs that are ahead of all single effects, then of these."""
     fitted = [one for one in singles if one.fit is not None][:FEW]
     best = min((one.delta_bic for one in fitted), default=0.0)
@@ -40,10 +53,10 @@ def _likeliest(singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Re
         for effect in pair.effects:
             half = _half(pair, effect, reference)
             if half is not None:
-                yield half
+                yield (effect,), half
     for one in fitted:
         assert one.fit is not None
-        yield one.fit.model
+        yield one.effects, one.fit.model
 
 
 def _half(pair: Ranked, effect: str, reference: Reference) -> Model | None:

@@ -55,7 +55,7 @@ def test_a_delay_beside_an_effect_is_another_hold_where_that_explains_as_much(mo
     found = ask_runs(runs, chains=True)
     assert (found.verdict, found.chain) == ("missing", ("stabiliser_bar",))
     assert loop_s(found) == pytest.approx(stranger.dt, abs=0.2e-3)
-    monkeypatch.setattr(asking, "_alone_by_a_pairs_hold", lambda *_: None)
+    monkeypatch.setattr(asking, "_searched", lambda _: False)
     assert {*ask_runs(runs, chains=True).chain} == {"transport_delay", "stabiliser_bar"}
 
 
