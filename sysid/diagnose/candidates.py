@@ -32,6 +32,8 @@ from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Structure
 
+SHOWN_IN_BURSTS = math.log(1e-7)
+"""Chance of the best of all entries, where noise comes in bursts, from which on windows of frequency count."""
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
 a hundred is found below it: the noise is not quite what the questions take it for."""
@@ -251,14 +253,17 @@ def chance_of_noise(division: Division, scores: Sequence[Score], stepped: Steppe
     """Logarithm of the chance that noise alone shows as much as the best of all questions.
 
     Where what is left, as it was `stepped` in this whitening, comes in bursts, windows of frequency alone tell nothing:
-    a short chirp passes some in a burst and others in the calm. An entry has to show it, too, as far as that is sure in
-    bursts. (Four clean flights of 8 to 16 s showed as much by windows at 1e-25 to 1e-47, one of them an entry at 1e-7,
-    and none surely; of 129 that hid something and came in bursts two did not, slung loads.)
+    a short chirp passes some in a burst and others in the calm. An entry has to show it, too, before its bursts are
+    taken off. (Four clean flights of 8 to 16 s showed as much by windows at 1e-25 to 1e-47; no entry did in three, and
+    one in the fourth, at 2e-6. Of 130 that hid something, and came in bursts, every one had an entry that did at 4e-8
+    and less, but for three slung loads.)
     """
     linear = log_chance(division.chi_squared, division.degrees)
-    best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    if linear < SIGNIFICANT <= best and division.measured and stepped.envelope(whitening).rough:
+    places = math.log(max(len(scores), 1))
+    shown = min((one.log_p for one in scores), default=0.0) + places
+    if linear < SIGNIFICANT and shown >= SHOWN_IN_BURSTS and division.measured and stepped.envelope(whitening).rough:
         linear = 0.0
+    best = min((one.log_p_surely for one in scores), default=0.0) + places
     return of_all_questions(min(linear, best), division)
 
 

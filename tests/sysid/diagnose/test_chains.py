@@ -110,6 +110,7 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     monkeypatch.setattr(chains, "CRUMBS", 100.0)
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     monkeypatch.setattr(shares, "OF_MOST", 0.0)
+    monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.0)
     found = asked(flight)
     assert found.pairs == ()
     assert isinstance(found.unsearched, LittleLeft)
@@ -136,6 +137,7 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     monkeypatch.setattr(shares, "OF_MOST", 0.0)
+    monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.0)
     assert asked(flight).pairs == ()
 
 

@@ -15,10 +15,13 @@ import pytest
 from more_of_a_kind import thorough
 from planted import PLANTED, Run, fly_many
 from planted_fits import controlled, records
+from strangers.asking import ask
+from strangers.flights import fly
 
 from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
+from sysid.diagnose import shares
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.shares import EXPLAINED_IN_A_LOOP, Shares
 from sysid.diagnose.verdict import Diagnosis
@@ -31,6 +34,11 @@ PITCH_ALONE = {**PLANTED["structural_mode"], "kappa_roll": 0.0, "kappa_pitch": 0
 
 LATE = ("motor_lag", "servo_second_order", "gyro_filter", "transport_delay")
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+
+GIVING_LINKS = 4046836
+"""Links that give, which no entry is: a saturation explains them by power, and three quarters by the noise."""
+GIVING_IN_A_LOOP = 4065460
+"""Others, in a loop whose excitation nobody logged."""
 
 
 def asked(runs: list[Run], validation: Sequence[Run] = (), without: Sequence[str] = ()) -> Diagnosis:
@@ -197,3 +205,22 @@ def test_a_simpler_entry_is_named_before_one_whose_values_are_doubtful(shared_da
     assert "servo_second_order" in found.not_told
     assert found.winner is not None
     assert found.winner.values["tau_m"] == pytest.approx(0.075, abs=0.0125)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_saturation",)], indirect=True)
+@pytest.mark.parametrize(
+    ("seed", "said"),
+    [(GIVING_LINKS, "more likely only resembles what is there"), (GIVING_IN_A_LOOP, "log the excitation")],
+)
+def test_what_leaves_much_by_the_noise_is_not_named_by_powers(
+    seed: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stranger = fly(seed)
+    found = ask(stranger).first
+    assert (found.verdict, found.effect, found.outdone) == ("unexplained", None, True)
+    assert found.explained_share == pytest.approx(1.0)
+    assert answer(found).endswith(said)
+    monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.7)
+    by_powers = ask(stranger).first
+    assert (by_powers.verdict, by_powers.chain) == ("missing", found.chain)

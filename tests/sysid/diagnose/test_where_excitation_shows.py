@@ -11,10 +11,10 @@ from strangers.flights import Stranger, fly
 
 from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
+from sysid.diagnose import candidates, refits, shares, term_search
 from sysid.diagnose import diagnose as diagnosing
-from sysid.diagnose import refits, shares, term_search
 from sysid.diagnose.evidence import Candidate, candidate
-from sysid.diagnose.score import Score, log_chance
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.shown import as_loud_as_it_is
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import bursts
@@ -164,8 +164,8 @@ def test_what_shows_in_a_burst_alone_is_no_effect_and_no_term(monkeypatch: pytes
     with monkeypatch.context() as one:
         one.setattr(term_search, "BEYOND_BURSTS", math.log(1e-9))
         assert asked(MET_BY_A_BURST).verdict == "unexplained", "by one of many terms"
-    monkeypatch.setattr(Score, "log_p_surely", Score.log_p)
-    assert asked(MET_BY_A_BURST).verdict == "unexplained", "by an entry"
+    monkeypatch.setattr(candidates, "SHOWN_IN_BURSTS", candidates.SIGNIFICANT)
+    assert asked(MET_BY_A_BURST).verdict == "unexplained", "by windows and an entry"
 
 
 @pytest.mark.usefixtures("only_effects")
