@@ -15,7 +15,7 @@ import pytest
 from more_of_a_kind import thorough
 from planted import PLANTED, Run, fly_many
 from planted_fits import controlled, records
-from strangers.asking import ask
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
 from gcs.analysis.text.verdict import answer
@@ -216,11 +216,11 @@ def test_a_simpler_entry_is_named_before_one_whose_values_are_doubtful(shared_da
 def test_what_leaves_much_by_the_noise_is_not_named_by_powers(
     seed: int, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stranger = fly(seed)
-    found = ask(stranger).first
+    runs = fitted_runs(fly(seed))
+    found = ask_runs(runs)
     assert (found.verdict, found.effect, found.outdone) == ("unexplained", None, True)
     assert found.explained_share == pytest.approx(1.0)
     assert answer(found).endswith(said)
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.7)
-    by_powers = ask(stranger).first
+    by_powers = ask_runs(runs)
     assert (by_powers.verdict, by_powers.chain) == ("missing", found.chain)
