@@ -19,16 +19,23 @@ def halves_alone(chain: Ranked, candidates: Sequence[Ranked], reference: Referen
     return [again for one in halves if (again := _alone(one, chain, reference, say)).fit is not None]
 
 
-def _alone(one: Ranked, chain: Ranked, reference: Reference, say: Listener) -> Ranked:
+def half(chain: Ranked, effect: str, reference: Reference) -> Model | None:
+    """One half of a chain as it stands there, the other left out; None where it cannot stand alone."""
     assert chain.fit is not None
     parent, both = reference.parent, chain.fit.model.by_name
-    say(Asking(stage=Stage.ALONE, effects=one.effects))
     try:
-        composed = composed_with(parent.model.structure, named_effect(one.effect, reference.users), parent.dataset)
+        alone = composed_with(parent.model.structure, named_effect(effect, reference.users), parent.dataset)
     except EffectError:
+        return None
+    if not set(alone.names) <= set(both):
+        return None
+    return Model(alone, alone.vector({name: both[name] for name in alone.names}))
+
+
+def _alone(one: Ranked, chain: Ranked, reference: Reference, say: Listener) -> Ranked:
+    say(Asking(stage=Stage.ALONE, effects=one.effects))
+    begin = half(chain, one.effect, reference)
+    if begin is None:
         return one
-    if not set(composed.names) <= set(both):
-        return one
-    begin = Model(composed, composed.vector({name: both[name] for name in composed.names}))
-    fit, _ = refit_or_reason(composed, parent, one.effects, begin)
+    fit, _ = refit_or_reason(begin.structure, reference.parent, one.effects, begin)
     return ranked(replace(one, fit=fit), reference)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from sysid.diagnose.candidates import Ranked, Reference, composed_with
+from sysid.diagnose.candidates import Ranked, Reference
+from sysid.diagnose.halves import half
 from sysid.fit.clocks import FoundHold, hold_beside, untold_sample_s
-from sysid.model.effect import named_effect
 from sysid.model.structure import Model
 
 FEW, FEW_PAIRS = 3, 2
@@ -51,19 +51,9 @@ def _likeliest(
     best = min((one.delta_bic for one in fitted), default=0.0)
     for pair in [one for one in pairs if one.fit is not None and one.delta_bic < best][:FEW_PAIRS]:
         for effect in pair.effects:
-            half = _half(pair, effect, reference)
-            if half is not None:
-                yield (effect,), half
+            alone = half(pair, effect, reference)
+            if alone is not None:
+                yield (effect,), alone
     for one in fitted:
         assert one.fit is not None
         yield one.effects, one.fit.model
-
-
-def _half(pair: Ranked, effect: str, reference: Reference) -> Model | None:
-    """One half of a pair as it stands there, the other left out; None where it cannot stand alone."""
-    assert pair.fit is not None
-    parent, both = reference.parent, pair.fit.model.by_name
-    alone = composed_with(parent.model.structure, named_effect(effect, reference.users), parent.dataset)
-    if not set(alone.names) <= set(both):
-        return None
-    return Model(alone, alone.vector({name: both[name] for name in alone.names}))

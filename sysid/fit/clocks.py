@@ -214,7 +214,7 @@ def _timed(model: Model, wider: Structure, runs: Dataset, fixed: Mapping[str, fl
     """How early commands act, beside the model's parameters."""
     try:
         found = estimate(wider, runs.viewed(model.structure.inputs, model.structure.outputs), model, fixed)
-    except FitError:
+    except (FitError, np.linalg.LinAlgError):
         return None
     place = wider.names.index("command_time")
     variance = found.covariance[place, place]
