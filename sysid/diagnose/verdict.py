@@ -305,8 +305,8 @@ def _by(
     named = of_named(ratio, shares.short(winner), among)
     told = _told(winner, among, ratio, shares, reference, None)
     doubtful = len(chain) > 1 and _only_resembles(winner, named, told)
-    missing = missing and not doubtful and not shares.leaves_much(winner)
-    missing = missing and not _made_by_the_loop(winner, named, told, shares, reference, chance)
+    resembles = doubtful or shares.leaves_much(winner)
+    missing = missing and not resembles and not _made_by_the_loop(winner, named, told, shares, reference, chance)
     right = told if missing else _told(winner, among, ratio, shares, reference, chance)
     return _Answer(
         verdict="missing" if missing else "unexplained",
@@ -319,7 +319,7 @@ def _by(
         confidence=_sure(winner, right, reference.parent),
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
-        outdone=doubtful or shares.outdone(winner) or shares.leaves_much(winner),
+        outdone=resembles or shares.outdone(winner),
         doubtful=doubtful,
         sizes=compared,
     )
