@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from sysid.diagnose.candidates import Ranked, Reference
 from sysid.diagnose.halves import half
-from sysid.fit.clocks import FoundHold, hold_beside, untold_sample_s
+from sysid.fit.clocks import OtherHold, hold_beside, untold_sample_s
 from sysid.model.structure import Model
 
 FEW, FEW_PAIRS = 3, 2
@@ -22,7 +22,7 @@ FEW, FEW_PAIRS = 3, 2
 class HeldAnew:
     """Another hold than the runs are taken by, and what shows it."""
 
-    hold: FoundHold
+    hold: OtherHold
     effects: tuple[str, ...]
     model: Model
     """With these, fitted to the runs as they are taken."""

@@ -125,7 +125,7 @@ def found_hold(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class FoundHold:
+class OtherHold:
     """A hold other than that by which runs are taken, as a model of them showed."""
 
     what: CommandsThinned
@@ -141,7 +141,7 @@ def untold_sample_s(runs: Dataset) -> float | None:
     return sample_s if sample_s - SHORTEST_S > 2 * LITTLE_S else None
 
 
-def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> FoundHold | None:
+def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> OtherHold | None:
     """The hold that a model shows, fitted to runs that are held otherwise; None where it shows none, or the same."""
     sample_s = untold_sample_s(runs)
     found = None if sample_s is None else _by(model, runs, fixed)
@@ -151,7 +151,7 @@ def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) 
     loop_s = _loop_s(sample_s, held_s, found.early_s)
     if same_hold(loop_s, held_s):
         return None
-    return FoundHold(CommandsThinned(0.5 * (sample_s - loop_s), found.error_s, sample_s), loop_s)
+    return OtherHold(CommandsThinned(0.5 * (sample_s - loop_s), found.error_s, sample_s), loop_s)
 
 
 def same_hold(one_s: float | None, other_s: float | None) -> bool:
