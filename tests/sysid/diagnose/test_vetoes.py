@@ -37,8 +37,8 @@ EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
 GIVING_LINKS = 4046836
 """Links that give, which no entry is: a saturation explains them by power, and three quarters by the noise."""
-GIVING_IN_A_LOOP = 4065460
-"""Others, in a loop whose excitation nobody logged."""
+POWER_IN_A_LOOP = 4066036
+"""Power that fades, in a loop whose excitation nobody logged: a drift of the hover leaves an eighth of it."""
 
 
 def asked(runs: list[Run], validation: Sequence[Run] = (), without: Sequence[str] = ()) -> Diagnosis:
@@ -208,19 +208,18 @@ def test_a_simpler_entry_is_named_before_one_whose_values_are_doubtful(shared_da
 
 
 @pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("servo_saturation",)], indirect=True)
 @pytest.mark.parametrize(
-    ("seed", "said"),
-    [(GIVING_LINKS, "more likely only resembles what is there"), (GIVING_IN_A_LOOP, "log the excitation")],
+    ("only_effects", "seed"),
+    [(("servo_saturation",), GIVING_LINKS), (("speed_stability",), POWER_IN_A_LOOP)],
+    indirect=["only_effects"],
 )
-def test_what_leaves_much_by_the_noise_is_not_named_by_powers(
-    seed: int, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_leaves_much_by_the_noise_is_not_named_by_powers(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = fitted_runs(fly(seed))
     found = ask_runs(runs)
     assert (found.verdict, found.effect, found.outdone) == ("unexplained", None, True)
-    assert found.explained_share == pytest.approx(1.0)
-    assert answer(found).endswith(said)
+    assert found.explained_share is not None
+    assert found.explained_share > 0.9
+    assert answer(found).endswith("more likely only resembles what is there")
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.7)
     by_powers = ask_runs(runs)
     assert (by_powers.verdict, by_powers.chain) == ("missing", found.chain)
