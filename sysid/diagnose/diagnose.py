@@ -16,7 +16,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,11 +48,10 @@ from sysid.diagnose.refits import refit_or_reason, refit_serious
 from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
-from sysid.diagnose.thinned import as_held, by_a_usual_loop, telling
+from sysid.diagnose.thinned import TakenAs, as_held, by_a_usual_loop, telling
 from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.estimate import best_values, refuse_vague
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
@@ -95,25 +93,23 @@ def diagnose(
     def refitted(runs: Dataset, near: Model) -> Candidate:
         return _parent(structure, runs, fixed, near)
 
-    def asked_of(parent: Candidate, loop_s: float | None) -> _Asked:
-        return _asked(_scored(parent, effects, say), _judging(validated_on, parent, loop_s), say)
+    def scored_as(held: TakenAs) -> tuple[_Scored, Dataset | None]:
+        return _scored(held.parent, effects, say), _judging(validated_on, held.parent, held.loop_s)
 
     parent, thinned, loop_s = as_held(_parent(structure, on, fixed, begin), fixed, refitted)
     scored = _scored(parent, effects, say)
     usual = by_a_usual_loop(parent, refitted) if scored.significant else None
-    there = None
-    if usual is not None:
-        there = _scored(usual.parent, effects, say), _judging(validated_on, usual.parent, usual.loop_s)
+    there = None if usual is None else scored_as(usual)
     asked, by_usual = _by_either(scored, _judging(validated_on, parent, loop_s), there, say)
     if usual is not None and by_usual:
         thinned = usual.what
     anew = _held_anew(asked, asked.answer, fixed, refitted)
     if anew is not None:
-        asked, thinned = asked_of(*anew.of), anew.what
+        asked, thinned = _asked(*scored_as(anew), say), anew.what
     answer = _with_chains(asked, say, limit) if chains else asked.finished(ChainSearch())
     try:
         anew = _held_anew(asked, answer, fixed, refitted) if _searched(answer) else None
-        alone = None if anew is None else asked_of(*anew.of)
+        alone = None if anew is None else _asked(*scored_as(anew), say)
     except KeyboardInterrupt:  # what was found until then is the answer
         anew = alone = None
     if anew is not None and alone is not None and alone.answer.verdict == "missing":
@@ -224,31 +220,23 @@ def _by_either(
     return (asked, False) if nothing or not _as_likely(other, asked.likeliest) else (other, True)
 
 
-class _Anew(NamedTuple):
-    """The structure fitted to the runs as a loop held them, as something beside it showed."""
-
-    of: tuple[Candidate, float]
-    """And how long that was, s."""
-    what: CommandsThinned
-
-
 def _held_anew(
     asked: _Asked, answer: Diagnosis, fixed: Mapping[str, float], fitted: Callable[[Dataset, Model], Candidate]
-) -> _Anew | None:
+) -> TakenAs | None:
     """The hold that the likeliest of an answer shows, where that is likelier by it than the answer; None where none is.
     A single effect that was named stays where it is as likely."""
     reference, winner = asked.reference, answer.winner
     shown = held_anew(answer.candidates, answer.pairs, reference, fixed) if asked.scored.significant else None
     if shown is None:
         return None
-    loop_s = shown.hold.loop_s
-    parent = fitted(reference.parent.dataset.held(loop_s), reference.parent.model)
-    there = refit_or_reason(shown.model.structure, parent, shown.effects, shown.model)[0]
+    hold, effects = shown
+    parent = fitted(reference.parent.dataset.held(hold.loop_s), reference.parent.model)
+    there = refit_or_reason(hold.near.structure, parent, effects, hold.near)[0]
     here = asked.likeliest if winner is None or winner.fit is None else winner.fit
     named = answer.verdict == "missing" and len(answer.chain) == 1
     if there is None or _ahead(there, here) <= (SAME if named else -SAME):
         return None
-    return _Anew((parent, loop_s), shown.hold.what)
+    return TakenAs(parent, hold.loop_s, hold.what)
 
 
 def _searched(answer: Diagnosis) -> bool:

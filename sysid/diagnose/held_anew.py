@@ -7,39 +7,28 @@ of 250 Hz had held 4. By that an effect that would explain all explains a quarte
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from sysid.diagnose.candidates import Ranked, Reference
 from sysid.diagnose.halves import half
-from sysid.fit.clocks import OtherHold, hold_beside, untold_sample_s
+from sysid.fit.clocks import Hold, hold_beside, untold_sample_s
 from sysid.model.structure import Model
 
 FEW, FEW_PAIRS = 3, 2
 """How many of the likeliest are asked, and of how many pairs each half."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class HeldAnew:
-    """Another hold than the runs are taken by, and what shows it."""
-
-    hold: OtherHold
-    effects: tuple[str, ...]
-    model: Model
-    """With these, fitted to the runs as they are taken."""
-
-
 def held_anew(
     singles: Sequence[Ranked], pairs: Sequence[Ranked], reference: Reference, fixed: Mapping[str, float]
-) -> HeldAnew | None:
-    """The hold that the first of the likeliest shows to be another than the runs are taken by; None where the log tells
-    its loop, or none does. Candidates and pairs best first."""
+) -> tuple[Hold, tuple[str, ...]] | None:
+    """The hold that the first of the likeliest shows to be another than the runs are taken by, and its effects; None
+    where the log tells its loop, or none does. Candidates and pairs best first."""
     runs = reference.parent.dataset
     if untold_sample_s(runs) is None:
         return None
     for effects, model in _likeliest(singles, pairs, reference):
         found = hold_beside(model, runs, fixed)
         if found is not None:
-            return HeldAnew(found, effects, model)
+            return found, effects
     return None
 
 

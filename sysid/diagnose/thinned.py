@@ -53,8 +53,8 @@ def as_held(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class ByAUsualLoop:
-    """Runs taken as a usual loop would have held their commands."""
+class TakenAs:
+    """Runs taken as a loop would have held their commands, a usual one or one that they showed."""
 
     parent: Candidate
     """Fitted to them."""
@@ -62,7 +62,7 @@ class ByAUsualLoop:
     what: CommandsThinned
 
 
-def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> ByAUsualLoop | None:
+def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> TakenAs | None:
     """The parent on its runs as a usual loop would have held their commands, fitted anew (`fitted`); None where the log
     has or tells every loop, or they are taken as held no longer than by likely ones.
 
@@ -74,7 +74,7 @@ def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> ByAUsualLoop | None:
         return None
     sample_s = max(piece.dt for piece in runs.pieces)
     what = CommandsThinned(0.5 * (sample_s - USUAL_LOOP_S), LIKELY_LOOPS_S, sample_s)
-    return ByAUsualLoop(fitted(runs.held(USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
+    return TakenAs(fitted(runs.held(USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
 
 
 def untold(runs: Dataset) -> bool:

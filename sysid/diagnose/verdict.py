@@ -304,8 +304,8 @@ def _by(
     ratio = lead(winner, near(winner, peers), singles)
     named = of_named(ratio, shares.short(winner), among)
     told = _told(winner, among, ratio, shares, reference, None)
-    doubtful = len(chain) > 1 and _only_resembles(winner, named, told)
-    resembles = doubtful or shares.leaves_much(winner)
+    doubtful = _only_resembles(winner, named, told)
+    resembles = doubtful or (missing and shares.leaves_much(winner))
     missing = missing and not resembles and not _made_by_the_loop(winner, named, told, shares, reference, chance)
     right = told if missing else _told(winner, among, ratio, shares, reference, chance)
     return _Answer(
@@ -331,9 +331,9 @@ def _parts_of(winner: Ranked, pairs: Sequence[Ranked]) -> list[Ranked]:
     return [one for one in pairs if {*one.effects} in made_of]
 
 
-def _only_resembles(chain: Ranked, named: float, told: float) -> bool:
-    """Whether a chain, by its sureness and what is told of that, likelier only resembles what is there."""
-    return named < CHAIN_NAMED or told < CHAIN_TOLD or leaves_more(chain)
+def _only_resembles(winner: Ranked, named: float, told: float) -> bool:
+    """Whether it is a chain that, by its sureness and what is told of that, likelier only resembles what is there."""
+    return len(winner.effects) > 1 and (named < CHAIN_NAMED or told < CHAIN_TOLD or leaves_more(winner))
 
 
 def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Class:

@@ -103,7 +103,7 @@ class Hold:
     """Taken as held from sample to sample."""
     loop_s: float
     near: Model
-    """Fitted to the runs taken nearly so."""
+    """That showed it, of the runs taken nearly so or otherwise: a fit begins there."""
 
 
 def found_hold(
@@ -124,15 +124,6 @@ def found_hold(
     return Hold(what, loop_s if second is None else _loop_s(sample_s, loop_s, second.early_s), near)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class OtherHold:
-    """A hold other than that by which runs are taken, as a model of them showed."""
-
-    what: CommandsThinned
-    """Taken as held from sample to sample."""
-    loop_s: float
-
-
 def untold_sample_s(runs: Dataset) -> float | None:
     """The sample, s, of a log that does not tell its loop and may have thinned its commands; None of others."""
     if any(one.loop_known or one.maneuver == RESPONSE for one in runs.records):
@@ -141,7 +132,7 @@ def untold_sample_s(runs: Dataset) -> float | None:
     return sample_s if sample_s - SHORTEST_S > 2 * LITTLE_S else None
 
 
-def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> OtherHold | None:
+def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) -> Hold | None:
     """The hold that a model shows, fitted to runs that are held otherwise; None where it shows none, or the same."""
     sample_s = untold_sample_s(runs)
     found = None if sample_s is None else _by(model, runs, fixed)
@@ -151,7 +142,7 @@ def hold_beside(model: Model, runs: Dataset, fixed: Mapping[str, float] | None) 
     loop_s = _loop_s(sample_s, held_s, found.early_s)
     if same_hold(loop_s, held_s):
         return None
-    return OtherHold(CommandsThinned(0.5 * (sample_s - loop_s), found.error_s, sample_s), loop_s)
+    return Hold(CommandsThinned(0.5 * (sample_s - loop_s), found.error_s, sample_s), loop_s, model)
 
 
 def same_hold(one_s: float | None, other_s: float | None) -> bool:
