@@ -18,7 +18,7 @@ from sysid.diagnose.plausible import of_the_wrong_sign, out_of_reach
 from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.slow_modes import SlowMode
-from sysid.diagnose.term_search import Selection
+from sysid.diagnose.term_search import Selection, Term
 from sysid.fit.identify import beyond_responses
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
@@ -162,6 +162,8 @@ class Reference:
     validation: Dataset | None
     simple: Callable[[Candidate], Selection]
     """The simple terms beside a candidate,"""
+    term: Callable[[Candidate], Term | None]
+    """the one that explains most,"""
     mode: Callable[[Candidate], SlowMode | None]
     """and the slow mode;"""
     left: Callable[[OutputError], Division]

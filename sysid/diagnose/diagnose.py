@@ -47,7 +47,7 @@ from sysid.diagnose.reach import in_reach
 from sysid.diagnose.refits import refit_or_reason, refit_serious
 from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
-from sysid.diagnose.term_search import Selection, search, select
+from sysid.diagnose.term_search import Selection, Term, search, select
 from sysid.diagnose.thinned import TakenAs, as_held, by_a_usual_loop, telling
 from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import divided
@@ -368,6 +368,11 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
         return select(one.asked_in(whitening), whitening)
 
     @cache
+    def term(one: Candidate) -> Term | None:
+        asked = one.asked_in(whitening)
+        return next(iter(search(asked, instrumental_step(asked, whitening), whitening, most=1)), None)
+
+    @cache
     def mode(one: Candidate) -> SlowMode | None:
         asked = one.asked_in(whitening)
         return slow_mode(asked, instrumental_step(asked, whitening), whitening)
@@ -384,6 +389,7 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
         users=users,
         validation=validation,
         simple=simple,
+        term=term,
         mode=mode,
         left=left,
         error=None if validation is None else validation_error(parent.model, validation),

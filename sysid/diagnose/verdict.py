@@ -38,7 +38,7 @@ from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares, least
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.slow_modes import SlowMode
-from sysid.diagnose.term_search import Selection, select
+from sysid.diagnose.term_search import Selection, Term, select
 from sysid.diagnose.thinned import samples_lost
 from sysid.diagnose.unsearched import Unsearched
 from sysid.fit.check_kinds import CommandsThinned
@@ -102,6 +102,8 @@ class Diagnosis:
     outdone: bool = False
     """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or a chain of two
     is little ahead of others, or leaves too much."""
+    term: Term | None = None
+    """The simple term that explains so much more than the winner, where one does."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
@@ -185,6 +187,9 @@ class Diagnosis:
             else dict(self.validation_nrmse_percent),
             "noise_floor_percent": {name: finite(value) for name, value in self.noise_floor_percent.items()},
             "lead": None if self.lead is None else finite(self.lead),
+            "term_ahead": None
+            if self.term is None
+            else {"equation": self.term.entry.equation, "chi_squared": finite(self.term.chi_squared)},
             "sizes": [one.to_json() for one in self.sizes],
             "log10_chance": finite(self.log_chance / math.log(10)),
             "first_answer": None
@@ -246,6 +251,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
         mode=shares.mode,
         lead=answer.lead,
         outdone=answer.outdone,
+        term=answer.term,
         sizes=answer.sizes,
     )
 
@@ -267,6 +273,7 @@ class _Answer:
     outdone: bool = False
     doubtful: bool = False
     """Whether it is a chain that likelier only resembles what is there."""
+    term: Term | None = None
     sizes: tuple[Size, ...] = ()
 
 
@@ -305,7 +312,8 @@ def _by(
     named = of_named(ratio, shares.short(winner), among)
     told = _told(winner, among, ratio, shares, reference, None)
     doubtful = _only_resembles(winner, named, told)
-    resembles = doubtful or (missing and shares.leaves_much(winner))
+    term = shares.by_a_term(winner) if missing else None
+    resembles = doubtful or _resembles(winner, missing, term, shares)
     missing = missing and not resembles and not _made_by_the_loop(winner, named, told, shares, reference, chance)
     right = told if missing else _told(winner, among, ratio, shares, reference, chance)
     return _Answer(
@@ -321,6 +329,7 @@ def _by(
         lead=ratio if missing else None,
         outdone=resembles or shares.outdone(winner),
         doubtful=doubtful,
+        term=term,
         sizes=compared,
     )
 
@@ -334,6 +343,11 @@ def _parts_of(winner: Ranked, pairs: Sequence[Ranked]) -> list[Ranked]:
 def _only_resembles(winner: Ranked, named: float, told: float) -> bool:
     """Whether it is a chain that, by its sureness and what is told of that, likelier only resembles what is there."""
     return len(winner.effects) > 1 and (named < CHAIN_NAMED or told < CHAIN_TOLD or leaves_more(winner))
+
+
+def _resembles(winner: Ranked, missing: bool, term: Term | None, shares: Shares) -> bool:
+    """Whether what would be named only resembles what is there: a simple `term` explains more, or it leaves much."""
+    return missing and (term is not None or shares.leaves_much(winner))
 
 
 def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Class:

@@ -100,20 +100,29 @@ def candidates_text(last: Diagnosis, most: int) -> list[str]:
 def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
     """The maneuver that would tell rivals apart, and a simple term where nothing known explains."""
     lines: list[Line] = []
-    terms, mode = found.last.terms, found.last.mode
-    if mode is not None and found.last.verdict == "unexplained":
-        said = f"a slow mode at {mode.frequency_hz:.2g} Hz would do much: a load that swings, fuel that sloshes"
-        lines.append(Sentence(said, " ", "   "))
-    if terms is not None and terms.terms and found.last.verdict == "unexplained" and not of_responses(found.last):
-        term = terms.terms[0]
-        others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
-        lines.append(Sentence(f"a simple term would do much: {term.entry.equation}{others}", " ", "   "))
+    if found.last.verdict == "unexplained":
+        lines += beyond_the_catalogue(found.last)
     if found.next is not None:
         told = f"to tell {' from '.join(short_names(found.next.separates))}: {maneuver_text(found.next)}"
         why = f" ({why_text(found.next.why)})" if full else ""
         lines.append(Sentence(told + why, " ", "   ", offer=_offer(found.next)))
         how = None if found.next.card is not None else how_text(found.next.proposal, found.runs.records)
         lines += [] if how is None else [Sentence(f"how: {how}", "   ", "     ")]
+    return lines
+
+
+def beyond_the_catalogue(last: Diagnosis) -> list[Line]:
+    """A slow mode, and a simple term: the one that does more than the nearest effect, or the first beside that."""
+    lines: list[Line] = []
+    if last.mode is not None:
+        said = f"a slow mode at {last.mode.frequency_hz:.2g} Hz would do much: a load that swings, fuel that sloshes"
+        lines.append(Sentence(said, " ", "   "))
+    beside = () if last.terms is None else last.terms.terms
+    term = last.term or next(iter(beside), None)
+    if term is not None and not of_responses(last):
+        others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
+        does = "would do much" if last.term is None else f"alone does more than {' + '.join(short_names(last.chain))}"
+        lines.append(Sentence(f"a simple term {does}: {term.entry.equation}{others}", " ", "   "))
     return lines
 
 

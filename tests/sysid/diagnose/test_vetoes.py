@@ -18,6 +18,8 @@ from planted_fits import controlled, records
 from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
+from gcs.analysis.text.blocks import Sentence
+from gcs.analysis.text.diagnosis import beyond_the_catalogue
 from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
@@ -39,6 +41,9 @@ GIVING_LINKS = 4046836
 """Links that give, which no entry is: a saturation explains them by power, and three quarters by the noise."""
 POWER_IN_A_LOOP = 4066036
 """Power that fades, in a loop whose excitation nobody logged: a drift of the hover leaves an eighth of it."""
+CUBIC_POWER, PRODUCT = 4065460, 4059806
+"""Links that give, whose excitation nobody logged, and a product of rates, where it is."""
+YAWING = 4071106
 
 
 def asked(runs: list[Run], validation: Sequence[Run] = (), without: Sequence[str] = ()) -> Diagnosis:
@@ -157,6 +162,8 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
         most_paid=0.0,
         paid_with=0.0,
         beside=lambda _: 0.0,
+        parent=found.parent,
+        term=lambda _: None,
     )
     weak, plain, strong = (math.log(chance) for chance in (1e-7, 1e-20, 1e-60))
     assert left.by_feedback(found.division, plain)
@@ -221,5 +228,49 @@ def test_what_leaves_much_by_the_noise_is_not_named_by_powers(seed: int, monkeyp
     assert found.explained_share > 0.9
     assert answer(found).endswith("more likely only resembles what is there")
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.7)
+    monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
     by_powers = ask_runs(runs)
     assert (by_powers.verdict, by_powers.chain) == ("missing", found.chain)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    ("only_effects", "seed", "equation"),
+    [
+        (("servo_saturation",), CUBIC_POWER, "delta_x += X_delta_x3 delta_x^3, delta_y += Y_delta_y3 delta_y^3"),
+        (("hub_gyroscopics",), PRODUCT, "p_dot += L_q_abs_p q|p|, q_dot += M_p_abs_q p|q|"),
+    ],
+    indirect=["only_effects"],
+)
+def test_what_a_simple_term_explains_far_better_is_not_named(
+    seed: int, equation: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = fitted_runs(fly(seed))
+    found = ask_runs(runs)
+    assert (found.verdict, found.effect, found.outdone) == ("unexplained", None, True)
+    assert found.term is not None
+    assert found.term.entry.equation == equation
+    assert found.to_json()["term_ahead"]["equation"] == equation
+    by_feedback = "feedback alone could make what is left: log the excitation"
+    told_of = by_feedback if found.reason else "more likely only resembles what is there"
+    assert answer(found).endswith(told_of)
+    (told,) = beyond_the_catalogue(found)
+    assert isinstance(told, Sentence)
+    assert told.text.startswith(f"a simple term alone does more than {found.chain[0]}: {equation}")
+    monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
+    without = ask_runs(runs)
+    assert (without.verdict, without.chain, without.term) == ("missing", found.chain, None)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("yaw_coupling",)], indirect=True)
+def test_a_term_that_says_the_same_takes_no_name_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Yaw rate is logged as flown, and a score by it takes up more than what is foretold where the chirp shows."""
+    runs = fitted_runs(fly(YAWING))
+    found = ask_runs(runs)
+    assert (found.verdict, found.effect, found.term) == ("missing", "yaw_coupling", None)
+    monkeypatch.setattr(shares, "BESIDE_IT", 0.0)
+    taken = ask_runs(runs)
+    assert taken.verdict == "unexplained"
+    assert taken.term is not None
+    assert taken.term.entry.names == ("L_q_r", "M_p_r")
