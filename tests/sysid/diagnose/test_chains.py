@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -57,7 +58,7 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
 def test_a_chain_that_is_more_likely_wrong_is_not_named(
     sureness: str, flight: list[Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verdict, sureness, lambda *_: 0.45)
+    monkeypatch.setattr(verdict, sureness, lambda *_: 0.35)
     found = asked(flight)
     assert (found.verdict, found.effect) == ("unexplained", None)
     assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
@@ -111,6 +112,7 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     monkeypatch.setattr(shares, "OF_MOST", 0.0)
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.0)
+    monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
     found = asked(flight)
     assert found.pairs == ()
     assert isinstance(found.unsearched, LittleLeft)
@@ -138,6 +140,7 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     monkeypatch.setattr(shares, "OF_MOST", 0.0)
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.0)
+    monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
     assert asked(flight).pairs == ()
 
 

@@ -408,6 +408,7 @@ def test_what_no_loop_makes_is_named_however_near_another_comes(monkeypatch: pyt
     assert found.parent.dataset.in_a_loop
     assert (found.verdict, found.effect) == ("missing", "slipstream_wing")
     monkeypatch.setattr(verdict, "LEFT_OF_A_FORM", -1.0)
+    monkeypatch.setattr(verdict, "NAMED_IN_A_LOOP", 0.55)
     unsure = asked(WAKE_IN_A_LOOP)
     assert (unsure.verdict, unsure.reason) == ("unexplained", "feedback")
 

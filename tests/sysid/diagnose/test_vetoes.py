@@ -15,7 +15,7 @@ import pytest
 from more_of_a_kind import thorough
 from planted import PLANTED, Run, fly_many
 from planted_fits import controlled, records
-from strangers.asking import ask_runs, fitted_runs
+from strangers.asking import ask, ask_runs, fitted_runs
 from strangers.flights import fly
 
 from gcs.analysis.text.blocks import Sentence
@@ -23,7 +23,7 @@ from gcs.analysis.text.diagnosis import beyond_the_catalogue
 from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
-from sysid.diagnose import shares
+from sysid.diagnose import shares, verdict
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.shares import EXPLAINED_IN_A_LOOP, Shares
 from sysid.diagnose.verdict import Diagnosis
@@ -274,3 +274,23 @@ def test_a_term_that_says_the_same_takes_no_name_away(monkeypatch: pytest.Monkey
     assert taken.verdict == "unexplained"
     assert taken.term is not None
     assert taken.term.entry.names == ("L_q_r", "M_p_r")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("seed", "where", "name", "before"),
+    [
+        (4065475, verdict, "NAMED_IN_A_LOOP", 0.55),
+        (4059864, shares, "NEARLY_ALL", 2.0),
+        (4070864, shares, "BY_NOISE_IN_A_LOOP", 0.92),
+    ],
+)
+def test_in_a_loop_is_named_what_is_near_others_or_leaves_much_by_power_or_some_by_noise(
+    seed: int, where: Any, name: str, before: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = fly(seed)
+    found = ask(flight).first
+    assert (found.verdict, found.effect) == ("missing", flight.hidden.names[0])
+    monkeypatch.setattr(where, name, before)
+    unsure = ask(flight).first
+    assert (unsure.verdict, unsure.chain) == ("unexplained", found.chain)
