@@ -55,12 +55,14 @@ OF_MOST = 0.75
 """Of the chi squared that others explain and pay for, or simple terms beside the likeliest do, that an answer explains:
 right answers on training strangers from 3000 to 8300 explained 0.78 and more (play beside a dead band; else 0.8), what
 only resembled something outside the catalogue 0.16 to 0.69, or all."""
-OF_A_TERM, MORE_BY_A_TERM, BESIDE_IT = 0.9, 15.0, 25.0
+OF_A_TERM, MORE_BY_A_TERM = 0.9, 15.0
 """Of the chi squared that one simple term explains beside the structure itself, that an answer explains, or so little
-less; or the last is the least that one explains beside the answer. Of 330 right names of strangers that judgements had
-spent two were so far behind (a mode that turns p r and q r into moments is known by its score better than by what it
-foretells where the chirp shows), and left 11 and 14 to a term; of 27 names that hid what the catalogue does not have 22
-were, and left 27 and more. Mostly the term was what was there."""
+less;"""
+BESIDE_IT, OF_IT_BESIDE = 25.0, 0.06
+"""or, beside the answer, one explains less than so much, or less than that share of it. Of 410 right names of strangers
+that judgements had spent five were so far behind (what yaw or collective moves is known by its score better than by
+what is foretold where the chirp shows) and left 11, 14 and shares of 0.003 to 0.036 to a term; of 27 names that hid
+what the catalogue does not have 22 were, and left 27 and 0.07 or more. Mostly the term was what was there."""
 BY_FEEDBACK = 0.15
 """Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
 logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
@@ -239,7 +241,8 @@ class Shares:
         if term is None or one.chi_squared > min(OF_A_TERM * term.chi_squared, term.chi_squared - MORE_BY_A_TERM):
             return None
         beside = self.term(one.fit)  # asked last: it is of the few that are so far behind
-        return None if beside is None or beside.chi_squared < BESIDE_IT else term
+        least = max(BESIDE_IT, OF_IT_BESIDE * term.chi_squared)
+        return None if beside is None or beside.chi_squared < least else term
 
     def outdone(self, one: Ranked) -> bool:
         """Whether others, or simple terms beside the likeliest and beside itself, explain so much more at the same cost

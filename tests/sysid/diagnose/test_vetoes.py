@@ -43,7 +43,7 @@ POWER_IN_A_LOOP = 4066036
 """Power that fades, in a loop whose excitation nobody logged: a drift of the hover leaves an eighth of it."""
 CUBIC_POWER, PRODUCT = 4065460, 4059806
 """Links that give, whose excitation nobody logged, and a product of rates, where it is."""
-YAWING = 4071106
+YAWING, COLLECTIVE_AND_INFLOW = 4071106, 4059914
 
 
 def asked(runs: list[Run], validation: Sequence[Run] = (), without: Sequence[str] = ()) -> Diagnosis:
@@ -263,17 +263,27 @@ def test_what_a_simple_term_explains_far_better_is_not_named(
 
 
 @pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("yaw_coupling",)], indirect=True)
-def test_a_term_that_says_the_same_takes_no_name_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Yaw rate is logged as flown, and a score by it takes up more than what is foretold where the chirp shows."""
-    runs = fitted_runs(fly(YAWING))
+@pytest.mark.parametrize(
+    ("only_effects", "seed", "without", "term"),
+    [
+        (("yaw_coupling",), YAWING, ("BESIDE_IT", "OF_IT_BESIDE"), ("L_q_r", "M_p_r")),
+        (("input_coupling",), COLLECTIVE_AND_INFLOW, ("OF_IT_BESIDE",), ("L_delta_c1", "M_delta_c1")),
+    ],
+    indirect=["only_effects"],
+)
+def test_a_term_that_says_the_same_takes_no_name_away(
+    seed: int, without: tuple[str, ...], term: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What yaw or collective moves takes up more by its score than by what is foretold where the chirp shows."""
+    runs = fitted_runs(fly(seed))
     found = ask_runs(runs)
-    assert (found.verdict, found.effect, found.term) == ("missing", "yaw_coupling", None)
-    monkeypatch.setattr(shares, "BESIDE_IT", 0.0)
+    assert (found.verdict, found.chain, found.term) == ("missing", fly(seed).hidden.names[:1], None)
+    for name in without:
+        monkeypatch.setattr(shares, name, 0.0)
     taken = ask_runs(runs)
     assert taken.verdict == "unexplained"
     assert taken.term is not None
-    assert taken.term.entry.names == ("L_q_r", "M_p_r")
+    assert taken.term.entry.names == term
 
 
 @pytest.mark.thorough
