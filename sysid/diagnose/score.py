@@ -16,8 +16,10 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
+from sysid.diagnose.steep import steep
 from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.bursts import Envelope
+from sysid.fit.innovations import Innovations
 from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.compose import compose
@@ -276,6 +278,9 @@ class _Question:
         envelope = self.stepped.envelope_beside(Z, self.whitening)
         if envelope.rough:
             at_least = min(at_least, envelope.surely(*along(Z, residual, envelope.gram(Z)), Z))
+        if not isinstance(self.whitening, Innovations):  # of what is new in every sample noise is known well
+            slow = steep(self.stepped, self.whitening, self.of.dataset.causes)
+            at_least = min(at_least, slow.surely(*along(Z, residual, slow.gram(Z)), Z))
         return chi_squared, degrees, at_least, in_bursts(Z, residual, envelope) if sized else math.inf
 
     def _moves(

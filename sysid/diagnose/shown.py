@@ -59,6 +59,11 @@ def shown_by(whitening: Whitening, by: Causes) -> Shown:
 def as_loud_as_it_is(metric: Whitening, left: FloatArray, by: Causes) -> Whitening:
     """The metric with its lowest frequencies as loud as what a model leaves (N,) there beside the excitation: slow
     gusts are steep within a window."""
+    return metric.louder(louder_by(metric, left, by))
+
+
+def louder_by(metric: Whitening, left: FloatArray, by: Causes) -> FloatArray:
+    """By how much, (bins,), in standard deviations."""
     frequency = np.concatenate([group.frequency_hz for group in metric.stacks])
     low = np.flatnonzero(frequency < STEEP_BELOW_HZ)
     near = np.abs(np.log(frequency[low] / frequency[low][:, None])) <= np.log(AROUND)
@@ -66,4 +71,4 @@ def as_loud_as_it_is(metric: Whitening, left: FloatArray, by: Causes) -> Whiteni
     power = near @ shown_by(metric, by).span.power_beyond(white)[low] / (2 * len(white) * count)
     times = np.ones(frequency.size)
     times[low] = np.sqrt(np.maximum(1.0, power * (1 - 1 / np.sqrt(count * len(white)))))
-    return metric.louder(times)
+    return times
