@@ -48,7 +48,7 @@ def unexplained(proposal: NextManeuver) -> Any:
     parent = SimpleNamespace(nrmse_percent=nrmse, model=SimpleNamespace(structure=structure, values=()))
     last = SimpleNamespace(
         verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
-        noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, mode=None, stands_in=False,
+        noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, term=None, mode=None, stands_in=False,
         effect=None, reason=None, first=None, validation_nrmse_percent=None,
     )  # fmt: skip
     return SimpleNamespace(
