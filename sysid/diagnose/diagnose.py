@@ -364,18 +364,20 @@ def _likelier(answer: Diagnosis, reference: Reference) -> Reference | None:
 
 def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], validation: Dataset | None) -> Reference:
     @cache
+    def stepped(one: Candidate) -> Stepped:
+        return instrumental_step(one.asked_in(whitening), whitening)
+
+    @cache
     def simple(one: Candidate) -> Selection:
         return select(one.asked_in(whitening), whitening)
 
     @cache
     def term(one: Candidate) -> Term | None:
-        asked = one.asked_in(whitening)
-        return next(iter(search(asked, instrumental_step(asked, whitening), whitening, most=1)), None)
+        return next(iter(search(one.asked_in(whitening), stepped(one), whitening, most=1)), None)
 
     @cache
     def mode(one: Candidate) -> SlowMode | None:
-        asked = one.asked_in(whitening)
-        return slow_mode(asked, instrumental_step(asked, whitening), whitening)
+        return slow_mode(one.asked_in(whitening), stepped(one), whitening)
 
     @cache
     def left(error: OutputError) -> Division:
@@ -384,7 +386,7 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
 
     return Reference(
         parent=parent,
-        stepped=instrumental_step(parent.asked_in(whitening), whitening),
+        stepped=stepped(parent),
         whitening=whitening,
         users=users,
         validation=validation,

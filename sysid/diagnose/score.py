@@ -16,7 +16,7 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
-from sysid.diagnose.steep import steep
+from sysid.diagnose.steep import Steep, steep
 from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.bursts import Envelope
 from sysid.fit.innovations import Innovations
@@ -276,11 +276,11 @@ class _Question:
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
         envelope = self.stepped.envelope_beside(Z, self.whitening)
-        if envelope.rough:
-            at_least = min(at_least, envelope.surely(*along(Z, residual, envelope.gram(Z)), Z))
+        noises: list[Envelope | Steep] = [envelope] if envelope.rough else []
         if not isinstance(self.whitening, Innovations):  # of what is new in every sample noise is known well
-            slow = steep(self.stepped, self.whitening, self.of.dataset.causes)
-            at_least = min(at_least, slow.surely(*along(Z, residual, slow.gram(Z)), Z))
+            noises.append(steep(self.stepped, self.whitening, self.of.dataset.causes))
+        for noise in noises:
+            at_least = min(at_least, noise.surely(*along(Z, residual, noise.gram(Z)), Z))
         return chi_squared, degrees, at_least, in_bursts(Z, residual, envelope) if sized else math.inf
 
     def _moves(
