@@ -76,6 +76,8 @@ class Told(Open, frozen=True, kw_only=True):
     log10_chance: float | None = None
     explanation: _Explanation | None = None
     character: _Character = _Character()
+    beyond: tuple[str, ...] = ()
+    """What it may be that the catalogue does not have."""
     could_hide: tuple[str, ...] = ()
     next_maneuver: _Next | None = None
     warnings: tuple[str, ...] = ()
@@ -167,6 +169,7 @@ def _reasons(found: Told) -> list[tuple[str, tuple[str, ...]]]:
         ("why", why.why),
         ("what it changes", why.changes),
         ("what resembles it", why.resembles),
+        ("beyond the catalogue", found.beyond),
         ("could hide here", found.could_hide),
         ("would tell more", () if plan is None else (f"{plan.maneuver}: {plan.why}" if plan.why else plan.maneuver,)),
         ("to be known", (*found.warnings, *found.remarks)),

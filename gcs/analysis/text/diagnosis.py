@@ -13,8 +13,9 @@ import shlex
 from pathlib import Path
 
 from gcs.analysis.candidates import ranked, shows
-from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis, InALoop, of_responses
+from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis, InALoop
 from gcs.analysis.ladder import rungs_of, short_names
+from gcs.analysis.text.beyond import beyond_sentences
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
 from gcs.analysis.text.explanation import explanation_lines
 from gcs.analysis.text.findings import finding_sentence, suspicion_text
@@ -99,30 +100,13 @@ def candidates_text(last: Diagnosis, most: int) -> list[str]:
 
 def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
     """The maneuver that would tell rivals apart, and a simple term where nothing known explains."""
-    lines: list[Line] = []
-    if found.last.verdict == "unexplained":
-        lines += beyond_the_catalogue(found.last)
+    lines: list[Line] = [Sentence(text, " ", "   ") for text in beyond_sentences(found.last)]
     if found.next is not None:
         told = f"to tell {' from '.join(short_names(found.next.separates))}: {maneuver_text(found.next)}"
         why = f" ({why_text(found.next.why)})" if full else ""
         lines.append(Sentence(told + why, " ", "   ", offer=_offer(found.next)))
         how = None if found.next.card is not None else how_text(found.next.proposal, found.runs.records)
         lines += [] if how is None else [Sentence(f"how: {how}", "   ", "     ")]
-    return lines
-
-
-def beyond_the_catalogue(last: Diagnosis) -> list[Line]:
-    """A slow mode, and a simple term: the one that does more than the nearest effect, or the first beside that."""
-    lines: list[Line] = []
-    if last.mode is not None:
-        said = f"a slow mode at {last.mode.frequency_hz:.2g} Hz would do much: a load that swings, fuel that sloshes"
-        lines.append(Sentence(said, " ", "   "))
-    beside = () if last.terms is None else last.terms.terms
-    term = last.term or next(iter(beside), None)
-    if term is not None and not of_responses(last):
-        others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
-        does = "would do much" if last.term is None else f"alone does more than {' + '.join(short_names(last.chain))}"
-        lines.append(Sentence(f"a simple term {does}: {term.entry.equation}{others}", " ", "   "))
     return lines
 
 

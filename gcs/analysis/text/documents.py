@@ -11,6 +11,7 @@ from gcs.analysis.answer import shown_document
 from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis
 from gcs.analysis.fits import assess
 from gcs.analysis.standing import digest, open_models
+from gcs.analysis.text.beyond import beyond_sentences
 from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.fit import judgement_document
@@ -86,6 +87,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = (), folder
             {"equation": term.entry.equation, "error_share": term.error_share, "as_well": len(term.as_well)}
             for term in (() if terms is None else terms.terms)
         ],
+        "beyond": list(beyond_sentences(found.last)),
         "suspicions": [suspicion_document(suspicion) for suspicion in comparison.suspicions],
         "structure": {"base": structure.base, "effects": list(structure.effects)},
         "rungs": [rung.to_json() for rung in found.rungs],

@@ -198,6 +198,15 @@ def test_a_damaged_diagnosis_is_none(damage: dict[str, Any]) -> None:
     assert told([]) is None
 
 
+def test_what_it_may_be_beyond_the_catalogue_is_on_the_page() -> None:
+    term = "a simple term alone does more than hub_gyroscopics: p_dot += L_q_abs_p q|p|"
+    found = told(DIAGNOSIS | {"verdict": "unexplained", "beyond": [term]})
+    assert found is not None
+    parts = discovery(found, densities(), None, ("p", "q"))
+    told_as = [row for part in parts if isinstance(part, Facts) for row in part.rows]
+    assert ("beyond the catalogue", f"{term}.") in told_as
+
+
 def test_a_complete_one_draws_no_candidates() -> None:
     found = told({"verdict": "complete", "log10_chance": -0.5, "confidence": 0.98})
     assert found is not None

@@ -174,6 +174,21 @@ def test_no_validation_and_other_runs_are_said(logs: dict[str, Path], fits: dict
 
 
 @pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("quadratic_damping",)], indirect=True)
+def test_what_it_may_be_beyond_the_catalogue_is_said_and_in_the_document(
+    fits: dict[str, Path], tippath: Tippath
+) -> None:
+    status, out, err = tippath("diagnose", fits["lag"])
+    assert status == 0, err
+    status, document, err = tippath("diagnose", fits["lag"], "--json")
+    assert status == 0, err
+    mode, term = json.loads(document)["beyond"]
+    assert mode.startswith("a slow mode at ")
+    assert term.startswith("a simple term would do much: ")
+    assert f"{mode} {term}" in flat(out)
+
+
+@pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("dynamic_inflow", "gyro_lag")], indirect=True)
 def test_runs_of_two_vehicles_have_no_one_answer(
     logs: dict[str, Path], fits: dict[str, Path], tippath: Tippath

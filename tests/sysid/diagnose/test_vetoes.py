@@ -18,8 +18,7 @@ from planted_fits import controlled, records
 from strangers.asking import ask, ask_runs, fitted_runs
 from strangers.flights import fly
 
-from gcs.analysis.text.blocks import Sentence
-from gcs.analysis.text.diagnosis import beyond_the_catalogue
+from gcs.analysis.text.beyond import beyond_sentences
 from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
@@ -262,9 +261,8 @@ def test_what_a_simple_term_explains_far_better_is_not_named(
     assert found.term.entry.equation == equation
     assert found.to_json()["term_ahead"]["equation"] == equation
     assert answer(found).endswith(said)
-    (told,) = beyond_the_catalogue(found)
-    assert isinstance(told, Sentence)
-    assert told.text.startswith(f"a simple term alone does more than {found.chain[0]}: {equation}")
+    (told,) = beyond_sentences(found)
+    assert told.startswith(f"a simple term alone does more than {found.chain[0]}: {equation}")
     monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
     without = ask_runs(runs)
     assert (without.verdict, without.chain, without.term) == ("missing", found.chain, None)
