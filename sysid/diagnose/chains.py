@@ -19,7 +19,7 @@ from sysid.diagnose.candidates import (
 from sysid.diagnose.choice import both_surely
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.fitted_chains import ASKED, DEAR, FittedChains, names_of
-from sysid.diagnose.left_by_one import harmless, points_left, share_left
+from sysid.diagnose.left_by_one import MUCH_BY_NOISE, harmless, left_by_noise, points_left, share_left
 from sysid.diagnose.likely import ALIKE, SAME, do_else, doubtful, impossible, misfit
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.on_samples import on_samples_beside
@@ -104,6 +104,8 @@ def _of_little(named: Ranked, reference: Reference, limit: Limit) -> ChainSearch
     """What a search of no chains says, where an effect explains nearly all or leaves crumbs; else None."""
     if share_left(named, reference) < REMAINDER:
         return ChainSearch()
+    if left_by_noise(named, reference) >= MUCH_BY_NOISE:
+        return None
     points = points_left(named, reference)
     little = points < CRUMBS or harmless(named, points, limit)
     return ChainSearch(unsearched=LittleLeft(points)) if little else None
@@ -160,6 +162,7 @@ class _Chains(FittedChains):
                 continue
             if self.found and first is begin and _explained(self.best) < hopeful:
                 if _explained(self.best) >= HOPELESS:
+                    self.exchange_resting()
                     self.exchange_doubtful()
                 if (explained := _explained(self.best)) < hopeful:
                     self.given_up = MuchLeft(self.best.effects, explained)
@@ -240,7 +243,7 @@ class _Chains(FittedChains):
         if asked is None:
             return True
         scores = [one.score for one in asked if one.score is not None]
-        if chance_of_noise(begun.division, scores, first.stepped, self.reference.whitening) >= SIGNIFICANT:
+        if chance_of_noise(begun.division, scores) >= SIGNIFICANT:
             return False
         # what is dear last: the best of the others may be out of its reach by then
         chosen = self.of_each_kind(self.without_twins(self.able_beside(begun, asked)), begun)[:SECONDS]
@@ -302,6 +305,11 @@ class _Chains(FittedChains):
             else:
                 return
 
+    def exchange_resting(self) -> None:
+        """Put what rests as a half of the best chain does in its place, beside the other half as that is alone."""
+        for other, one in self.resting_in_place(self.best):
+            self.fit(other, one, exchanged=True)
+
     def exchange_doubtful(self) -> bool:
         """Put plausible effects in the place of what has doubtful values in the likeliest chains, where the very best
         is not plausible: what only resembles explains much beside everything, and nothing was begun with what is there.
@@ -335,9 +343,7 @@ class _Chains(FittedChains):
     def exchanges(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
         """What rests as a half of it does, alone explains the same, or by its score as much beside the other half; each
         with what it is to be fitted beside."""
-        for half, other in (chain.effects, chain.effects[::-1]):
-            if other in self.single:
-                yield from ((self.single[other], one) for one in self.rests_as(half) if self.is_new(one, other))
+        yield from self.resting_in_place(chain)
         for half, other in (chain.effects, chain.effects[::-1]):
             again = _unasked(other)
             for one in self.like_alone(half):
@@ -346,6 +352,12 @@ class _Chains(FittedChains):
             for one in self.like_beside(other, half):
                 if self.is_new(one, other):
                     yield self.single[other], one
+
+    def resting_in_place(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
+        """What rests as a half of it does, after the other half, beside which it is to be fitted."""
+        for half, other in (chain.effects, chain.effects[::-1]):
+            if other in self.single:
+                yield from ((self.single[other], one) for one in self.rests_as(half) if self.is_new(one, other))
 
     def rests_as(self, half: str) -> list[Ranked]:
         """A dead band for play and the other way round, which beside a lag only fits tell apart."""

@@ -52,6 +52,9 @@ AS_MUCH = 0.8
 def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     """The likeliest effect; a chain of two only where it explains clearly more."""
     single = next((one for one in singles if one.fit is not None and one.delta_bic < -EVIDENCE), None)
+    if single is None:
+        foretelling = [one for one in singles if one.foretells >= SURELY_FORETELLS and not one.outside]
+        single = max(foretelling, key=lambda one: one.foretells, default=None)
     pair = next((one for one in pairs if one.delta_bic < -EVIDENCE), None)
     if single is None:
         return pair
@@ -185,8 +188,9 @@ def _measured_by_samples(one: Ranked) -> bool:
 
 
 def _explains_as_much(one: Ranked, winner: Ranked, halves: Sequence[Ranked]) -> bool:
-    """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair. Of two,
-    beside a half that both have: with the larger anything explains nearly as much."""
+    """Whether it does, or no evidence tells that it does not, with fewer parameters and none that is not plausible:
+    physics weighs more than a hair. Of two, beside a half that both have: with the larger anything explains nearly as
+    much."""
     if one.fit is None or len(one.names) >= len(winner.names) or one.explained_share is None:
         return False
     if not set(one.outside) < set(winner.outside):
@@ -194,6 +198,8 @@ def _explains_as_much(one: Ranked, winner: Ranked, halves: Sequence[Ranked]) -> 
     anyway = _explained_anyway(one, winner, halves)
     if anyway is None or one.delta_bic >= 0 or one.chi_squared - anyway < AS_MUCH * (winner.chi_squared - anyway):
         return False
+    if not contradicted(one) and one.delta_bic < winner.delta_bic + EVIDENCE:
+        return True
     shares = [(one.explained_share, winner.explained_share), (one.validation_share, winner.validation_share)]
     return all(his is None or (own is not None and own >= his - ALMOST) for own, his in shares)
 

@@ -33,6 +33,7 @@ from sysid.diagnose.candidates import (
     rank,
     ranked,
     score_effects,
+    windows_tell,
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step
@@ -42,6 +43,7 @@ from sysid.diagnose.held_anew import held_anew
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.likely import SAME
 from sysid.diagnose.loop_change import Limit
+from sysid.diagnose.on_samples import on_samples_alone
 from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.reach import in_reach
 from sysid.diagnose.refits import refit_or_reason, refit_serious
@@ -188,7 +190,7 @@ def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Sco
     asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     scores = [one.score for one in candidates if one.score is not None]
-    chance = chance_of_noise(parent.division, scores, stepped, parent.metric)
+    chance = chance_of_noise(parent.division, scores, windows_tell(parent, scores))
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance >= SIGNIFICANT:
         chance = min(chance, chance_of_rest(candidates, parent, effects, say))
@@ -201,6 +203,10 @@ def _asked(scored: _Scored, validation: Dataset | None, say: Listener) -> _Asked
     candidates = _best_first(_held_against(reference, candidates, say), reference)
     say(Asking(stage=Stage.WEIGHING))
     answer = verdict_on(candidates, (), scored.chance, reference)
+    if scored.significant and answer.winner is None:
+        foretold = {one.effects: one for one in on_samples_alone(reference, say)}
+        candidates = [foretold.get(one.effects, one) for one in candidates]
+        answer = verdict_on(candidates, (), scored.chance, reference) if foretold else answer
     return _Asked(scored=scored, candidates=candidates, reference=reference, answer=answer)
 
 

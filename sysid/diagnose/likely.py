@@ -21,6 +21,7 @@ import numpy as np
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import gain
 from sysid.model.effect import catalogue, tied
+from sysid.model.parameter import Parameter
 
 TEMPER = 1.5
 """Times that differences of chi squared are too large, where noise is as it seems;"""
@@ -162,20 +163,36 @@ def with_unasked(among: Class, winner: Ranked, singles: Sequence[Ranked], chains
 
 def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
     """The class of a chain with what is one with an entry of it alone: beside what is linear, or acts on samples of the
-    commands before it, it is so too, wherever a fit of its own ended, if there was one."""
+    commands before it, it is so too, wherever a fit of its own ended, if there was one, and however implausible it was
+    alone: that hangs on what else there is."""
     if len(winner.effects) == 1 or not all(effect.linear or effect.samples is not None for effect in winner.own):
         return among
-    fitted = _plausible(singles)
+    fitted = [one for one in singles if one.stepped is not None]
     known = among.named_with(winner)
     equivalent = dict(among.equivalent)
     for one in fitted:
-        if one.effect not in (*winner.effects, *among.alike):
+        half = one.effect in winner.effects
+        if not half and (one.implausible or one.effect not in among.alike):
             continue
-        more = [each.effect for each in fitted if each.effect not in known and twins(one, each)]
+        more = [
+            each.effect
+            for each in fitted
+            if each.effect not in known
+            and twins(one, each)
+            and (not each.implausible or (half and _fits(each, winner, one)))
+        ]
         known.update(more)
         if more:
             equivalent[one.effect] = (*equivalent.get(one.effect, ()), *more)
     return replace(among, equivalent=equivalent)
+
+
+def _fits(twin: Ranked, chain: Ranked, half: Ranked) -> bool:
+    """Whether values of this half of a chain are plausible ones of its twin, too."""
+    assert chain.fit is not None
+    values = [chain.fit.model[name] for effect in half.own for name in effect.names]
+    its = [parameter for effect in twin.own for parameter in effect.parameters]
+    return len(values) == len(its) and not any(map(Parameter.implausible, its, values))
 
 
 def twins(one: Ranked, other: Ranked) -> bool:

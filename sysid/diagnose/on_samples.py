@@ -1,8 +1,8 @@
-"""Play, dead bands and limits beside an effect that is named, where an excitation is logged.
+"""Play, dead bands and limits, beside an effect that is named or where nothing is, where an excitation is logged.
 
-Where a servo rests, or meets a limit, hangs on every gust before. What was imposed tells little of that: the name fits
-it alone, with other values, and leaves nothing. All commands as they were flown foretell it surely. So what acts on
-samples is asked there as it is where no excitation is logged, from the values that the excitation told.
+Where a servo rests, or meets a limit, hangs on every gust before. What was imposed tells little of that: a name fits it
+alone, with other values, and leaves nothing, or nothing fits. All commands as they were flown foretell it surely. So
+what acts on samples is asked there as it is where no excitation is logged, from the values that the excitation told.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 from sysid.diagnose.candidates import Ranked, Reference, explained_by, rank, ranked, score_effects
 from sysid.diagnose.choice import SURELY_FORETELLS
 from sysid.diagnose.evidence import Candidate, candidate
-from sysid.diagnose.fitted_chains import names_of
 from sysid.diagnose.foretold import less_left
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import begun_at, refitted
@@ -35,24 +34,35 @@ def on_samples_beside(named: Ranked, reference: Reference, say: Listener) -> lis
     """The named effect with what acts on samples that surely foretells more beside it, each such chain; nothing where
     something linear does nearly as much, or where the validation runs do not say so."""
     assert named.fit is not None
-    if not named.fit.division.measured or not named.fit.model.structure.linear:
+    return _surely_foretold(named.fit, named.effects, reference, say)
+
+
+def on_samples_alone(reference: Reference, say: Listener) -> list[Ranked]:
+    """What acts on samples and so foretells more than the structure itself, where by what was imposed nothing explains
+    the runs; nothing where something linear does nearly as much, or where the validation runs do not say so."""
+    return _surely_foretold(reference.parent, (), reference, say)
+
+
+def _surely_foretold(fit: Candidate, effects: tuple[str, ...], reference: Reference, say: Listener) -> list[Ranked]:
+    """Beside these effects, as they were fitted."""
+    if not fit.division.measured or not fit.model.structure.linear:
         return []
-    say(Asking(stage=Stage.SECONDS, effects=named.effects))
+    say(Asking(stage=Stage.SECONDS, effects=effects))
     try:
         with np.errstate(all="ignore"):
-            return _Foretelling(named.fit, reference).found(named)
+            return _Foretelling(fit, effects, reference).found()
     except (RelaxationError, np.linalg.LinAlgError):
         return []
 
 
 class _Foretelling:
-    """The runs of a named effect as if no excitation were logged."""
+    """The runs of named effects, or of none, as if no excitation were logged."""
 
-    def __init__(self, fit: Candidate, reference: Reference) -> None:
-        self.reference = reference
+    def __init__(self, fit: Candidate, effects: tuple[str, ...], reference: Reference) -> None:
+        self.fit, self.effects, self.reference = fit, effects, reference
         self.begun = candidate(fit.estimate, fit.held, fit.dataset.unexcited, fit.added)
 
-    def found(self, named: Ranked) -> list[Ranked]:
+    def found(self) -> list[Ranked]:
         fitted = self.fitted(self.asked(True), PROMISES)
         best = max((more for _, more in fitted), default=0.0)
         if best < SURELY_FORETELLS:
@@ -61,7 +71,7 @@ class _Foretelling:
         if any(more > RIVAL * best for _, more in linear):
             return []
         surely = [each for each in self.turned(fitted) if each[1] >= SURELY_FORETELLS]
-        told = [self.told(named, *each) for each in surely]
+        told = [self.told(*each) for each in surely]
         return [one for one in told if one is not None]
 
     def asked(self, samples: bool) -> list[Ranked]:
@@ -98,16 +108,15 @@ class _Foretelling:
             again = None if one is best else begun_at(one.fit, self.begun, begin)
             yield (one, more) if again is None else (replace(one, fit=again), self.more(again))
 
-    def told(self, named: Ranked, beside: Ranked, more: float) -> Ranked | None:
-        """The chain as it foretells best, held against the runs with their excitation."""
-        assert named.fit is not None
+    def told(self, beside: Ranked, more: float) -> Ranked | None:
+        """It with the effects that were named, as it foretells best, held against the runs with their excitation."""
         assert beside.fit is not None
-        there, on = beside.fit.asked_in(beside.fit.metric), named.fit.dataset
+        there, on, effects = beside.fit.asked_in(beside.fit.metric), self.fit.dataset, (*self.effects, beside.effect)
         if not self.holds(there):
             return None
         estimate = replace(beside.fit.estimate, model=there.model, error=output_error(there.model, on.stacks))
-        fit = candidate(estimate, beside.fit.held, on, names_of(named.effect, beside.effect))
-        both = ranked(replace(beside, effects=(named.effect, beside.effect), fit=fit, foretells=more), self.reference)
+        fit = candidate(estimate, beside.fit.held, on, tuple(sorted(effects)))
+        both = ranked(replace(beside, effects=effects, fit=fit, foretells=more), self.reference)
         return None if both.fit is None else both
 
     def holds(self, there: Candidate) -> bool:

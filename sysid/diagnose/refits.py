@@ -132,7 +132,8 @@ class _Order:
                     self._level((one, one.fit), (other, other.fit))
 
     def _level_inside(self, larger: Ranked, one: Ranked) -> None:
-        """Begin an entry of one number at the mean of those that the one has which contains it."""
+        """Begin an entry of one number at the mean of those that the one has which contains it; in a loop in the noise
+        that this leaves, for by the parent's, which is late itself, another valley was as good."""
         assert larger.fit is not None
         assert one.fit is not None
         parent, there = self.parent, larger.fit.model
@@ -140,7 +141,8 @@ class _Order:
         behind = explained_by(larger.fit, parent, parent.metric) - explained_by(one.fit, parent, parent.metric)
         if behind <= max(SAME, misfit(larger)) or len(mine) != 1:
             return
-        again = begun_at(one.fit, parent, {**there.by_name, mine[0]: float(np.mean([there[name] for name in his]))})
+        beside = larger.fit if one.fit.dataset.in_a_loop else parent
+        again = begun_at(one.fit, beside, {**there.by_name, mine[0]: float(np.mean([there[name] for name in his]))})
         if again is not None:
             self.found[one.effects] = replace(one, fit=again)
 

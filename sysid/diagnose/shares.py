@@ -19,6 +19,7 @@ from sysid.diagnose.thinned import noise_lost
 from sysid.diagnose.validated import SLACK, ByPower, ByWhatIsNew, validation_of
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
+from sysid.fit.whitening import Whitening
 
 EXPLAINED, EXPLAINED_IN_A_LOOP = 0.9, 0.8
 """Of what can be explained, on the fitted runs, where the excitation is logged and where it is not: of 250 names of
@@ -55,6 +56,11 @@ OF_MOST = 0.75
 """Of the chi squared that others explain and pay for, or simple terms beside the likeliest do, that an answer explains:
 right answers on training strangers from 3000 to 8300 explained 0.78 and more (play beside a dead band; else 0.8), what
 only resembled something outside the catalogue 0.16 to 0.69, or all."""
+BY_CHANCE = 2.0
+"""Chi squared that a parameter explains by chance, one of many entries' being chosen."""
+TERM_TAKES = SIGNIFICANT
+"""Chance, a logarithm, by which a term is significant that takes a name away: beside one right name in a hundred noise
+makes one that is so at 0.01, and where little shows that is a third of it."""
 OF_A_TERM, MORE_BY_A_TERM = 0.9, 15.0
 """Of the chi squared that one simple term explains beside the structure itself, that an answer explains, or so little
 less;"""
@@ -133,7 +139,7 @@ class Shares:
     latest_alone: bool
     """Whether the latest sample of the commands is all that explains anything, where no excitation is logged."""
     most_explained: float
-    """Chi squared, by any candidate;"""
+    """Chi squared, by any candidate, less what its parameters explain BY_CHANCE;"""
     most_paid: float
     """and by any, less what its parameters cost;"""
     paid_with: float
@@ -142,6 +148,8 @@ class Shares:
     beside: Callable[[Candidate], float]
     """Chi squared of what simple terms or a slow mode explain beside a candidate."""
     parent: Candidate
+    whitening: Whitening
+    """The noise that the likeliest candidate leaves."""
     term: Callable[[Candidate], Term | None]
     """The simple term that explains most beside a candidate."""
 
@@ -168,11 +176,12 @@ class Shares:
             new_share=_new_share(candidates, reference),
             noise_lost=noise_lost(parent.dataset),
             latest_alone=significant and latest_alone(parent),
-            most_explained=max((one.chi_squared for one in fits), default=0.0),
+            most_explained=max((one.chi_squared - BY_CHANCE * one.added for one in fits), default=0.0),
             most_paid=max([0.0, *(-one.delta_bic for one in fits)]),
             paid_with=paid + beside(best),
             beside=beside,
             parent=parent,
+            whitening=reference.whitening,
             term=reference.term,
         )
 
@@ -300,11 +309,22 @@ class Shares:
         explains; standard deviations of that, taken off where no excitation is logged, are `in_a_loop`."""
         assert one.fit is not None
         own, chance = max(0.0, one.chi_squared), SLACK if one.fit.division.measured else in_a_loop
-        return own / max(own + misfit(one, chance), self.most_explained, 1e-300)
+        return min(own / max(own + self._beyond_noise(one, chance), 1e-300), self._of_most(one))
+
+    def _beyond_noise(self, one: Ranked, chance: float) -> float:
+        """Chi squared that it leaves; where noise comes in bursts no more than simple terms or a slow mode explain of
+        that, for by windows of frequency alone bursts do."""
+        assert one.fit is not None
+        assert one.stepped is not None
+        left = misfit(one, chance)
+        if left <= (1 - EXPLAINED_BY_NOISE) * one.chi_squared or not one.fit.division.measured:
+            return left
+        return min(left, self.beside(one.fit)) if one.stepped.envelope(self.whitening).rough else left
 
     def _of_most(self, one: Ranked) -> float:
-        """By chi squared, of what the candidate explains that explains most."""
-        return max(0.0, one.chi_squared) / max(self.most_explained, 1e-300)
+        """By chi squared, of what the candidate explains that explains most with as many parameters."""
+        own = max(0.0, one.chi_squared)
+        return own / max(own, self.most_explained + BY_CHANCE * one.added, 1e-300)
 
 
 def _sure_mode(one: Candidate, reference: Reference) -> SlowMode | None:
@@ -314,12 +334,12 @@ def _sure_mode(one: Candidate, reference: Reference) -> SlowMode | None:
 
 
 def _beside(one: Candidate, reference: Reference) -> float:
-    """Chi squared of the simple terms, or a slow mode, beside a candidate. How many there were to choose from is paid
-    by their significance; in a loop they explain gusts, too."""
+    """Chi squared of the simple terms, or a slow mode, beside a candidate, where these are as significant as
+    TERM_TAKES: how many there were to choose from is paid by that. In a loop they explain gusts, too."""
     if not reference.parent.division.measured:
         return 0.0
     mode = _sure_mode(one, reference)
-    simple = sum(term.chi_squared for term in reference.simple(one).terms)
+    simple = sum(term.chi_squared for term in reference.simple(one).terms if term.log_p < TERM_TAKES)
     return max(simple, 0.0 if mode is None else mode.chi_squared)
 
 

@@ -20,7 +20,7 @@ from sysid.model.structure import Model
 
 def search_of(answered: bool, *single: Ranked, measured: bool = True) -> chains._Chains:
     parent = SimpleNamespace(division=SimpleNamespace(measured=measured))
-    return chains._Chains(single, cast("Any", SimpleNamespace(parent=parent)), lambda _: None, None, answered)
+    return chains._Chains(single, cast("Any", SimpleNamespace(parent=parent, users=())), lambda _: None, None, answered)
 
 
 def scored(name: str, chi_squared: float) -> Ranked:
@@ -282,6 +282,29 @@ def test_a_dead_band_is_asked_where_play_is_half_of_the_best_chain(monkeypatch: 
     found = {("gyro_filter", "servo_backlash"): 1032.0, ("gyro_filter", "servo_deadband"): 1073.0}
     assert set(exchanged(search, found, monkeypatch).effects) == {"gyro_filter", "servo_deadband"}
     assert not search.rests_as("servo_rate_limit"), "a limit is none of the two"
+
+
+@pytest.mark.parametrize(("left", "tried"), [(10.0, False), (52.0, True), (400.0, False)])
+def test_a_dead_band_is_asked_before_a_chain_that_leaves_much_is_given_up(
+    left: float, tried: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Play beside a tether explained 0.84, a dead band of half the width, which was there, 0.91."""
+    tether = alone("attitude_stiffness", 123.0, ("L_phi",))
+    search, fitted = search_of(False, tether), list[str]()
+    chain = replace(alone("", 274.0, ("L_phi",)), effects=("attitude_stiffness", "servo_backlash"))
+
+    def begin(_: object, __: Ranked) -> bool:
+        search.found[("attitude_stiffness", "servo_backlash")] = chain
+        return True
+
+    monkeypatch.setattr(chains, "misfit", lambda _: left)
+    monkeypatch.setattr(chains._Chains, "begin_with", begin)
+    monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)
+    monkeypatch.setattr(chains._Chains, "halves_of_the_best", lambda *_: [])
+    monkeypatch.setattr(chains._Chains, "improve", lambda _: None)
+    monkeypatch.setattr(chains._Chains, "fit", lambda _, first, second, **__: fitted.append(second.effect))
+    assert search.search([tether])
+    assert fitted == (["servo_deadband"] if tried else [])
 
 
 def test_what_is_dear_takes_the_place_of_a_half_only_where_it_may_be_as_good(monkeypatch: pytest.MonkeyPatch) -> None:

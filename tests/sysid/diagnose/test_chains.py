@@ -113,6 +113,8 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     monkeypatch.setattr(shares, "OF_MOST", 0.0)
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.0)
     monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
+    assert asked(flight).pairs, "where what is named leaves much by the noise no points are little"
+    monkeypatch.setattr(chains, "MUCH_BY_NOISE", 1.0)
     found = asked(flight)
     assert found.pairs == ()
     assert isinstance(found.unsearched, LittleLeft)
@@ -134,6 +136,7 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
 ) -> None:
     monkeypatch.setattr(chains, "REMAINDER", 2.0)
     monkeypatch.setattr(chains, "CRUMBS", 100.0)
+    monkeypatch.setattr(chains, "MUCH_BY_NOISE", 1.0)
     monkeypatch.setattr(left_by_one, "LITTLE_POINTS", 100.0)
     monkeypatch.setattr(left_by_one, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}

@@ -11,15 +11,18 @@ import pytest
 from numpy.typing import NDArray
 from planted_fits import controlled, records
 from scipy.linalg import expm
+from strangers.asking import fitted_runs
+from strangers.flights import fly as fly_stranger
 
 from sysid.data.chirp import Chirp
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
+from sysid.diagnose import refits
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import candidate, instrumental_step
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.estimate import estimate
-from sysid.fit.identify import identify
+from sysid.fit.identify import identify, on_runs
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
 from sysid.fit.whitening import weighed
@@ -163,3 +166,24 @@ def test_rows_are_weighed_by_all_of_a_matrix() -> None:
     W = rng.standard_normal((2, 2, 5)) + 1j * rng.standard_normal((2, 2, 5))
     columns = rng.standard_normal((3, 2, 5)) + 1j * rng.standard_normal((3, 2, 5))
     np.testing.assert_allclose(weighed(W, columns), np.einsum("ijf,cjf->cif", W, columns), rtol=1e-12)
+
+
+LATE_MOTORS = 4076008
+"""A judged one's: motors that lag by 60 ms, and no excitation logged."""
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("motor_lag", "lag_per_axis")], indirect=True)
+def test_a_lag_of_all_motors_is_moved_on_in_the_noise_that_a_lag_of_each_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A lag of 0.98 s, and fast rates, was as good in the noise of a structure that is late itself."""
+    runs = fitted_runs(fly_stranger(LATE_MOTORS))
+    found = diagnose(on_runs("cd", (), runs, runs), runs, chains=False)
+    assert (found.verdict, found.effect) == ("missing", "motor_lag")
+    assert found.winner is not None
+    assert found.winner.values["tau_m"] == pytest.approx(0.0604, rel=0.06)
+    moved_on = refits.begun_at
+    monkeypatch.setattr(refits, "begun_at", lambda fit, _, values: moved_on(fit, found.parent, values))
+    assert diagnose(on_runs("cd", (), runs, runs), runs, chains=False).effect == "lag_per_axis"

@@ -225,8 +225,13 @@ def test_what_is_one_alone_is_one_in_a_chain_too_wherever_its_fit_ended(
     lag, gyro, delay = refitted("servo_lag", 50.0), refitted("gyro_lag", 50.0), refitted("transport_delay", 50.0, 1)
     found = declared(chain, [chain])
     assert likely.with_twins(found, chain, [lag, gyro, delay]).equivalent == told
-    impossible = replace(gyro, implausible=("tau_g",))
-    assert likely.with_twins(found, chain, [lag, impossible, delay]).equivalent == {}
+    impossible, plausible = replace(gyro, implausible=("tau_g",)), catalogue()["gyro_lag"].parameters[0].plausible
+    values: tuple[tuple[float, dict[str, tuple[str, ...]]], ...] = ((2 * plausible[1], {}), (0.5 * plausible[1], told))
+    for tau_s, twin in values:
+        at = SimpleNamespace(division=LOGGED.division, model={"tau_s": tau_s})
+        there = replace(chain, fit=cast(Candidate, at))
+        same = likely.with_twins(found, there, [lag, impossible, delay]).equivalent
+        assert same == twin, "alone it took up more than is its own; beside the other half it is what a twin may be"
     assert likely.with_twins(declared(lag, [lag]), lag, [lag, gyro]).equivalent == {}, "of a single one fits tell"
 
 
@@ -308,6 +313,11 @@ def test_a_simpler_entry_explains_as_much_only_with_as_much_evidence() -> None:
     crumb = refitted("servo_lag", CHI_SQUARED - 5.0, 1, explained_share=1.0)
     assert choice._explains_as_much(as_good, bar, ())
     assert not choice._explains_as_much(crumb, bar, ())
+    for behind, named in ((9.0, True), (11.0, False)):  # a number less is worth 3.7 of these 40 rows
+        less = refitted("servo_lag", behind, 1, explained_share=0.8)
+        assert choice._explains_as_much(less, bar, ()) == named, "of its power, where evidence tells them apart"
+    contradicted = replace(refitted("servo_lag", 9.0, 1, explained_share=0.8), validation_share=0.1)
+    assert not choice._explains_as_much(contradicted, bar, ())
 
 
 def test_beside_an_implausible_half_the_simpler_of_two_others_is_named_and_what_is_like_it_declared() -> None:

@@ -8,7 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from strangers.asking import ask_runs
+from strangers.asking import ask_runs, fitted_runs
+from strangers.flights import fly
 
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
@@ -24,6 +25,8 @@ from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
 SEED = 4054550
 """A judged one's: a dead band of 5.4 times what is just detectable beside an inflow, which was named alone at 0.99."""
 WIDTH = 0.00967
+LIMITED, LIMIT = 4076841, 0.23555
+"""Another's: commands reach a limit where gusts add to what is imposed, and hardly else; 1.8 times, and unexplained."""
 
 
 @pytest.mark.usefixtures("only_effects")
@@ -39,6 +42,34 @@ def test_a_dead_band_that_the_imposed_commands_hide_is_told_beside_an_inflow(
     assert found.winner.values["width"] == pytest.approx(WIDTH, rel=0.05)
     monkeypatch.setattr(on_samples, "PROMISES", np.inf)
     assert ask_runs(fitted_stranger, chains=True).chain == ("dynamic_inflow",)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_saturation", "servo_deadband", "angular_damping")], indirect=True)
+def test_a_limit_that_the_imposed_commands_hardly_reach_is_told_by_what_it_foretells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = fitted_runs(fly(LIMITED))
+    found = ask_runs(runs)
+    assert (found.verdict, found.chain) == ("missing", ("servo_saturation",))
+    assert found.winner is not None
+    assert found.winner.values["limit"] == pytest.approx(LIMIT, rel=0.02)
+    assert found.winner.chi_squared < 15 < SURELY_FORETELLS < found.winner.foretells
+    monkeypatch.setattr(on_samples, "PROMISES", np.inf)
+    without = ask_runs(runs)
+    assert (without.verdict, without.chain) == ("unexplained", ())
+
+
+def test_what_foretells_is_named_where_nothing_else_pays_for_its_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "_likeliest_in_practice", lambda best, *_: best)
+    limit = replace(ranked("servo_saturation", chi_squared=1.0, foretells=SURELY_FORETELLS), added=1, rows=100)
+    lag = replace(ranked("servo_lag", chi_squared=3.0), added=1, rows=100)
+    assert winner([lag, limit], []) is limit
+    assert winner([lag, replace(limit, foretells=SURELY_FORETELLS - 1)], []) is None
+    assert winner([lag, replace(limit, outside=("limit",))], []) is None
+    surely = replace(lag, chi_squared=100.0)
+    assert winner([surely, limit], []) is surely
 
 
 def test_runs_are_asked_as_if_no_excitation_had_been_logged(fitted_stranger: list[Record]) -> None:
@@ -109,10 +140,10 @@ def test_nothing_is_told_beside_a_name_that_is_faint_or_that_something_linear_do
     asked = {True: [scored("servo_deadband", band[0])], False: [scored("servo_lag", lag[0])]}
     monkeypatch.setattr(_Foretelling, "asked", lambda _, samples: asked[samples])
     monkeypatch.setattr(_Foretelling, "more", lambda _, fit: more[fit.name])
-    monkeypatch.setattr(_Foretelling, "told", lambda _, __, beside, ___: beside)
-    search = _Foretelling(cast("Any", None), cast("Any", None))
+    monkeypatch.setattr(_Foretelling, "told", lambda _, beside, __: beside)
+    search = _Foretelling(cast("Any", None), ("dynamic_inflow",), cast("Any", None))
     search.begun, search.reference = cast("Any", None), cast("Any", SimpleNamespace(users=()))
-    assert [one.effect for one in search.found(ranked("dynamic_inflow"))] == told
+    assert [one.effect for one in search.found()] == told
 
 
 def test_only_beside_what_is_linear_and_where_an_excitation_is_logged() -> None:

@@ -24,6 +24,7 @@ from sysid.data.airframe import Airframe
 from sysid.data.record import Record
 from sysid.diagnose import shares, verdict
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.likely import misfit
 from sysid.diagnose.shares import EXPLAINED_IN_A_LOOP, Shares
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
@@ -162,6 +163,7 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
         paid_with=0.0,
         beside=lambda _: 0.0,
         parent=found.parent,
+        whitening=found.whitening,
         term=lambda _: None,
     )
     weak, plain, strong = (math.log(chance) for chance in (1e-7, 1e-20, 1e-60))
@@ -310,3 +312,29 @@ def test_in_a_loop_is_named_what_is_near_others_or_leaves_much_by_power_or_some_
     monkeypatch.setattr(where, name, before)
     unsure = ask(flight).first
     assert (unsure.verdict, unsure.chain) == ("unexplained", found.chain)
+
+
+IN_BURSTS, NOTHING_BY_CHANCE = 4076956, 4077046
+"""Judged ones: what collective and yaw do, in bursts of gusts and in others, 1.6 and 2.2 times what is detectable."""
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("input_coupling",)], indirect=True)
+def test_what_windows_seem_to_show_in_bursts_takes_no_name_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short chirp passes some windows in a burst: beside the right effect they showed more than it explains."""
+    runs = fitted_runs(fly(IN_BURSTS))
+    found = ask_runs(runs)
+    assert (found.verdict, found.effect) == ("missing", "input_coupling")
+    assert found.winner is not None
+    assert misfit(found.winner) > found.winner.chi_squared
+    monkeypatch.setattr(Shares, "_beyond_noise", lambda _, one, chance: misfit(one, chance))
+    assert ask_runs(runs).verdict == "unexplained"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("input_coupling",)], indirect=True)
+def test_what_a_simple_term_explains_by_chance_takes_no_name_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = fitted_runs(fly(NOTHING_BY_CHANCE))
+    assert ask_runs(runs).effect == "input_coupling"
+    monkeypatch.setattr(shares, "TERM_TAKES", 0.0)
+    assert ask_runs(runs).verdict == "unexplained"
