@@ -320,6 +320,15 @@ def test_a_simpler_entry_explains_as_much_only_with_as_much_evidence() -> None:
     assert not choice._explains_as_much(contradicted, bar, ())
 
 
+@pytest.mark.parametrize(
+    ("bic", "excited", "in_a_loop"), [(-7.0, True, False), (-16.0, True, True), (-5.0, False, False)]
+)
+def test_in_a_loop_more_evidence_makes_an_answer(bic: float, excited: bool, in_a_loop: bool) -> None:
+    for fit, named in ((LOGGED, excited), (IN_A_LOOP, in_a_loop)):
+        wing = refitted("slipstream_wing", fit=fit, chi_squared=math.log(N) - bic, explained_share=1.0)
+        assert choice.winner([wing], []) is (wing if named else None)
+
+
 def test_beside_an_implausible_half_the_simpler_of_two_others_is_named_and_what_is_like_it_declared() -> None:
     stiff = ("M_theta",)
     also = {"explained_share": 1.0, "implausible": stiff, "added": 3}
