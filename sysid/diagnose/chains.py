@@ -4,8 +4,9 @@ not noise. They are not searched for crumbs."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from sysid.diagnose.candidates import (
     CRUMBS,
@@ -25,7 +26,7 @@ from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.on_samples import on_samples_beside
 from sysid.diagnose.progress import Listener
 from sysid.diagnose.refits import NEAR, PRICES
-from sysid.diagnose.score import log_chance
+from sysid.diagnose.score import Score, log_chance
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
 from sysid.model.acting import linear_dynamics
 from sysid.model.effect import catalogue, parts_of
@@ -92,6 +93,7 @@ def chains_of_two(
     if not able:
         return ChainSearch()
     chains = _Chains(fitted, reference, say, budget, named is not None)
+    chains.scored = {one.effect: one.score for one in singles if one.score is not None and one.not_testable is None}
     no_need = chains.look(able, named, limit or Limit())
     parts = chains.parts_of(named or able[0], singles)
     if no_need is None:
@@ -123,6 +125,9 @@ def _best_elsewhere(able: Sequence[Ranked]) -> Ranked | None:
 
 class _Chains(FittedChains):
     """In what order they are looked for."""
+
+    scored: Mapping[str, Score] = MappingProxyType({})
+    """What was asked of the structure itself, fitted or not."""
 
     def look(self, able: Sequence[Ranked], named: Ranked | None, limit: Limit) -> ChainSearch | None:
         """Look for chains; what to say where there is no need to, else None."""
@@ -341,9 +346,13 @@ class _Chains(FittedChains):
         ]
 
     def exchanges(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
-        """What rests as a half of it does, alone explains the same, or by its score as much beside the other half; each
-        with what it is to be fitted beside."""
+        """What rests as a half of it does, promised as much alone and was not fitted, explains the same alone, or by
+        its score as much beside the other half; each with what it is to be fitted beside."""
         yield from self.resting_in_place(chain)
+        for half, other in (chain.effects, chain.effects[::-1]):
+            for one in self.promised_as_much(half):
+                if self.is_new(one, other) and (beside := self.fitted_alone(one)) is not None:
+                    yield beside, _unasked(other)
         for half, other in (chain.effects, chain.effects[::-1]):
             again = _unasked(other)
             for one in self.like_alone(half):
@@ -352,6 +361,14 @@ class _Chains(FittedChains):
             for one in self.like_beside(other, half):
                 if self.is_new(one, other):
                     yield self.single[other], one
+
+    def promised_as_much(self, half: str) -> list[Ranked]:
+        """What by itself scored as much as this half, and was not fitted, for others left noise: beside another half
+        these may leave much. (A damping of squared rates, for one of rates in its place.)"""
+        own = self.scored.get(half)
+        least = math.inf if own is None else (1 - ALIKE) * own.chi_squared
+        promised = (name for name, one in self.scored.items() if one.chi_squared >= least)
+        return [_unasked(name) for name in promised if name not in self.single]
 
     def resting_in_place(self, chain: Ranked) -> Iterator[tuple[Ranked, Ranked]]:
         """What rests as a half of it does, after the other half, beside which it is to be fitted."""

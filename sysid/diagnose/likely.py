@@ -121,7 +121,12 @@ def where_samples_are_lost(
         for one, name, least in others
         if one.fit is not None and set(one.implausible) <= allowed and one.chi_squared >= least and name not in known
     ]
-    return replace(among, alike=(*among.alike, *dict.fromkeys(more)))
+    return replace(among, alike=_of_use(among, more))
+
+
+def _of_use(among: Class, more: Sequence[str]) -> tuple[str, ...]:
+    """The class with others, no more than are of use."""
+    return (*among.alike, *dict.fromkeys(more))[: max(USEFUL - 1, len(among.alike))]
 
 
 def _in_the_place_of_a_half(
@@ -158,7 +163,7 @@ def with_unasked(among: Class, winner: Ranked, singles: Sequence[Ranked], chains
         if each.effect not in known and frozenset((each.effect, other)) not in asked
         if _as_good(each, one)
     ]
-    return replace(among, alike=(*among.alike, *dict.fromkeys(more))[: max(USEFUL - 1, len(among.alike))])
+    return replace(among, alike=_of_use(among, more))
 
 
 def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:

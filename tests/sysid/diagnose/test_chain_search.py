@@ -307,6 +307,24 @@ def test_a_dead_band_is_asked_before_a_chain_that_leaves_much_is_given_up(
     assert fitted == (["servo_deadband"] if tried else [])
 
 
+def test_what_promised_as_much_and_was_not_fitted_alone_takes_a_half_s_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damping of rates left noise, so one of their squares was not asked; beside a limit it was the truth."""
+    limit, damping = alone("servo_saturation", 512.0), alone("angular_damping", 447.0)
+    scores = {"servo_saturation": 95.0, "angular_damping": 73.0, "quadratic_damping": 60.0, "lead_lag": 7.0}
+    search, fitted = search_of(False, limit, damping), list[str]()
+    search.scored = {name: cast(Score, scored(name, size).score) for name, size in scores.items()}
+
+    def fitted_alone(_: object, one: Ranked) -> Ranked:
+        fitted.append(one.effect)
+        return alone(one.effect, 504.0)
+
+    monkeypatch.setattr(chains._Chains, "fitted_alone", fitted_alone)
+    monkeypatch.setattr(chains, "do_else", lambda *_: True)
+    found = {("servo_saturation", "angular_damping"): 946.0, ("quadratic_damping", "servo_saturation"): 1022.0}
+    assert set(exchanged(search, found, monkeypatch).effects) == {"quadratic_damping", "servo_saturation"}
+    assert set(fitted) == {"quadratic_damping"}, "what promised less is not asked"
+
+
 def test_what_is_dear_takes_the_place_of_a_half_only_where_it_may_be_as_good(monkeypatch: pytest.MonkeyPatch) -> None:
     delay, damping = alone("transport_delay", 2469.0), scored("quadratic_damping", 81.0)
     near, far = alone("lead_lag", 2470.0), alone("servo_lag", 2331.0)
