@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from sysid.diagnose.candidates import Ranked, Reference, composed_with, heard, ranked, score_effects
 from sysid.diagnose.evidence import Candidate
-from sysid.diagnose.levelled import levelled, near_another
+from sysid.diagnose.levelled import as_alone, levelled, near_another
 from sysid.diagnose.likely import SAME, do_else, impossible, twins
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import PRICES, as_scored, does_nothing, goes_by_its_score, refitted
@@ -136,6 +136,8 @@ class FittedChains:
                 return
             try:
                 both = self._fitted(first, second, more, begin, there)
+                if there is None and (both is None or both.chi_squared < begin.chi_squared):
+                    both = self._fitted_as_alone(first, second, more, begin) or both
             except KeyboardInterrupt:
                 self.interrupt()
                 self.not_fitted[names_of(first.effect, second.effect)] = (first.effect, second.effect)
@@ -197,6 +199,15 @@ class FittedChains:
         if names not in self.found or both.delta_bic < self.found[names].delta_bic:
             self.found[names] = both
         return both
+
+    def _fitted_as_alone(self, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked | None:
+        """The chain begun at both halves' values as they are alone, where it left more than one of them does: a dead
+        band had stayed at twice its width, where its score was. None where that is not known, or too dear."""
+        assert begin.fit is not None
+        there = as_alone(more, begin, self.single, self.reference.users)
+        if there is None or not self.paid(self.price_of(more, begin.fit, there)):
+            return None
+        return self._fitted(first, second, more, begin, there)
 
     def is_new(self, one: Ranked, other: str) -> bool:
         return one.effect != other and names_of(one.effect, other) not in self.found

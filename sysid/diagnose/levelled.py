@@ -72,13 +72,27 @@ def near_another(
             break
     else:
         return None
+    return _beginning_beside(more, begin, min(there, key=lambda one: one.delta_bic), single[new], users)
+
+
+def as_alone(more: Ranked, begin: Ranked, single: Mapping[str, Ranked], users: Sequence[Effect]) -> Model | None:
+    """Where one more effect and what it is fitted to begin, both as they are alone; None where that is not known, and
+    for linear ones."""
+    alone = single.get(more.effect)
+    return None if alone is None else _beginning_beside(more, begin, begin, alone, users)
+
+
+def _beginning_beside(
+    more: Ranked, begin: Ranked, chain: Ranked, other: Ranked, users: Sequence[Effect]
+) -> Model | None:
+    """Of the effect and what it is fitted to, a chain's values and the other half's; None where they are linear, or do
+    not go together."""
+    assert begin.fit is not None
     try:
         composed = composed_with(begin.fit.model.structure, named_effect(more.effect, users), begin.fit.dataset)
     except (EffectError, FitError):
         return None
-    if composed.linear:
-        return None
-    return _beginning(composed, min(there, key=lambda one: one.delta_bic), single[new])
+    return None if composed.linear else _beginning(composed, chain, other)
 
 
 def _beginning(structure: Structure, chain: Ranked, other: Ranked) -> Model:

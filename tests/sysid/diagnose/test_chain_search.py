@@ -312,7 +312,7 @@ def test_what_promised_as_much_and_was_not_fitted_alone_takes_a_half_s_place(mon
     limit, damping = alone("servo_saturation", 512.0), alone("angular_damping", 447.0)
     scores = {"servo_saturation": 95.0, "angular_damping": 73.0, "quadratic_damping": 60.0, "lead_lag": 7.0}
     search, fitted = search_of(False, limit, damping), list[str]()
-    search.scored = {name: cast(Score, scored(name, size).score) for name, size in scores.items()}
+    search.scored = {name: scored(name, size).score for name, size in scores.items()}
 
     def fitted_alone(_: object, one: Ranked) -> Ranked:
         fitted.append(one.effect)
