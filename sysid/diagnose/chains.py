@@ -317,8 +317,8 @@ class _Chains(FittedChains):
             self.fit(other, one, exchanged=True)
 
     def exchange_larger(self) -> None:
-        """Put what a half contains in its place, in the likeliest chains, where that is cheap: a lag of each axis beside
-        a hub explained a hair more than a lag of all beside a damping, which no exchange of one half alone came to."""
+        """Put what a half contains in its place, in the likeliest chains, where that is cheap: a lag of each axis with
+        a hub explained a hair more than a lag of all with a damping, which no exchange of one half alone came to."""
         near = [one for one in self.found.values() if one.delta_bic < self.best.delta_bic + SAME]
         for chain in sorted(near, key=rank):
             for half, other in (chain.effects, chain.effects[::-1]):
