@@ -66,7 +66,7 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
     named = _likeliest_in_practice(pair, pairs, singles)
-    instead = bool(impossible(single)) and not named.implausible  # what only stands in is no simpler answer
+    instead = bool(impossible(single)) and not impossible(named)  # what only stands in is no simpler answer
     if instead or both_surely(named, single) or max(_more(pair, single), _more(named, single)) > REMAINDER:
         return named
     return single

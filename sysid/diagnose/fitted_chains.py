@@ -146,8 +146,16 @@ class FittedChains:
                 return
             if number == 0 and turned is None:
                 # alone, the first one stands in for the second too, and may not come away from there
-                other = self.fitted_alone(second) if both is None else self.alone.get(second.effect)
+                other = self.fitted_alone(second) if both is None else self.cheap_to_begin_with(first, second)
                 ways += [] if other is None else [(first, other)]
+
+    def cheap_to_begin_with(self, first: Ranked, second: Ranked) -> Ranked | None:
+        """The second as it was fitted alone; where it is not plausible so, for the first is missing there, only to fit
+        that cheaply."""
+        other = self.single.get(second.effect)
+        if other is None or other.fit is None or other.effect in self.alone:
+            return other
+        return other if 0 < self.price_of(first, other.fit) < DEAR else None
 
     def turned(self, first: Ranked, second: Ranked) -> tuple[Ranked, Ranked] | None:
         """The first to be fitted beside the second, where that was fitted alone and it is cheaper so: what is linear

@@ -163,3 +163,62 @@ def test_a_tether_is_no_doubtful_single_that_any_plausible_chain_takes_the_place
     wing = replace(alone("slipstream_wing", 7421.0, ("tau_w",)), fit=fit)
     assert choice.winner([tether], [both]) is tether
     assert choice.winner([wing], [both]) is both
+    tied = ("attitude_stiffness", "sideslip")
+    assert choice.winner([wing], [replace(both, effects=tied, implausible=("L_phi",))]).effects == tied
+    assert choice.winner([wing], [replace(both, implausible=("tau_b",))]) is wing
+
+
+@pytest.mark.parametrize(("price", "begun"), [(2.0, True), (DEAR, False), (0.0, False)])
+def test_what_is_not_plausible_alone_is_begun_with_where_that_is_cheap(
+    price: float, begun: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone an inflow took up a tether; beside it the tether led where the inflow did not come from."""
+    tether, inflow = alone("attitude_stiffness", 2016.0, ("L_phi",)), alone("dynamic_inflow", 646.0, ("tau_l",))
+    monkeypatch.setattr(_Chains, "price_of", lambda *_: price)
+    search = search_of(tether, inflow, alone("angular_damping", 137.0))
+    assert search.cheap_to_begin_with(tether, scored("dynamic_inflow", 203.0)) is (inflow if begun else None)
+    assert search.cheap_to_begin_with(tether, scored("angular_damping", 137.0)) is search.single["angular_damping"]
+    assert search.cheap_to_begin_with(tether, scored("sideslip", 137.0)) is None
+
+
+@pytest.mark.parametrize(("behind", "tried"), [(0.5, ["servo_lag"]), (50.0, [])])
+def test_what_a_half_contains_is_tried_in_the_likeliest_chains(
+    behind: float, tried: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lag of each axis beside a hub was the likeliest, and a lag of all beside a damping, the truth, not fitted."""
+    search, asked = search_of(alone("lag_per_axis", 284.0), alone("servo_lag", 270.0)), list[str]()
+    best = alone("", 422.0, (), ("hub_gyroscopics", "dynamic_inflow"))
+    near = alone("", 422.0 - behind, (), ("lag_per_axis", "angular_damping"))
+    search.found = {one.effects: one for one in (best, near)}
+    monkeypatch.setattr(_Chains, "price_of", lambda *_: 2.0)
+
+    def fit(_: object, first: Ranked, second: Ranked, *, exchanged: bool) -> None:
+        assert exchanged
+        assert second.effect == "angular_damping"
+        asked.append(first.effect)
+
+    monkeypatch.setattr(_Chains, "fit", fit)
+    search.exchange_larger()
+    assert asked == tried
+
+
+def test_a_chain_that_leaves_more_than_its_half_begins_once_more_as_both_are_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A dead band beside a damping of squared rates stayed at twice its width, where its score was."""
+    damping, band = alone("quadratic_damping", 253.0), alone("servo_deadband", 68.0)
+    begun: list[object] = []
+
+    def fitted(_: object, first: Ranked, second: Ranked, __: Ranked, ___: Ranked, near: object) -> Ranked:
+        begun.append(near)
+        return alone("", 370.0 if near else -203.0, (), (first.effect, second.effect))
+
+    monkeypatch.setattr(_Chains, "price_of", lambda *_: 2.0)
+    monkeypatch.setattr(_Chains, "_fitted", fitted)
+    monkeypatch.setattr(fitted_chains, "as_alone", lambda *_: "as alone")
+    search = search_of(damping, band)
+    search.fit(damping, scored("servo_deadband", 88.0))
+    assert begun == [None, "as alone"]
+    monkeypatch.setattr(fitted_chains, "as_alone", lambda *_: None)
+    search.fit(damping, scored("servo_deadband", 88.0))
+    assert begun == [None, "as alone", None]

@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.levelled import near_another
+from sysid.diagnose.levelled import as_alone, near_another
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP
@@ -74,3 +74,14 @@ def test_that_is_so_whichever_of_the_two_is_fitted_to_the_other() -> None:
 )
 def test_nothing_is_known_of_the_rest(more: str, begin: Ranked, single: dict[str, Ranked]) -> None:
     assert near(more, begin, single) is None
+
+
+def test_a_chain_begins_at_what_both_halves_are_alone_where_its_score_led_away() -> None:
+    band = fitted(200.0, width=0.03)
+    asked = Ranked(effects=("servo_deadband",), score=None, not_testable=None)
+    there = as_alone(asked, DELAY, {"servo_deadband": band}, ())
+    assert there is not None
+    assert (there["width"], there["T_d"], there["L_b"]) == (0.03, 0.05, DELAY.chi_squared)
+    assert as_alone(asked, DELAY, {}, ()) is None, "nothing known alone"
+    lag = Ranked(effects=("servo_lag",), score=None, not_testable=None)
+    assert as_alone(lag, DELAY, {"servo_lag": LAG}, ()) is None, "linear ones look at all"
