@@ -379,10 +379,11 @@ class _Chains(FittedChains):
                     yield self.single[other], one
 
     def promised_as_much(self, half: str) -> list[Ranked]:
-        """What by itself scored as much as this half, and was not fitted, for others left noise: beside another half
-        these may leave much. (A damping of squared rates, for one of rates in its place.)"""
-        own = self.scored.get(half)
-        least = math.inf if own is None else (1 - ALIKE) * own.chi_squared
+        """What by itself scored as much as this half, and nearly the most of all, and was not fitted, for others left
+        noise: beside another half these may leave much. (A damping of squared rates, for one of rates in its place.)"""
+        if half not in self.scored:
+            return []
+        least = max((1 - ALIKE) * max(one.chi_squared for one in self.scored.values()), self.scored[half].chi_squared)
         promised = (name for name, one in self.scored.items() if one.chi_squared >= least)
         return [_unasked(name) for name in promised if name not in self.single]
 

@@ -136,13 +136,13 @@ class FittedChains:
                 return
             try:
                 both = self._fitted(first, second, more, begin, there)
-                if there is None and (both is None or both.chi_squared < begin.chi_squared):
+                if there is None and (both is None or both.chi_squared < begin.chi_squared - SAME):
                     both = self._fitted_as_alone(first, second, more, begin) or both
             except KeyboardInterrupt:
                 self.interrupt()
                 self.not_fitted[names_of(first.effect, second.effect)] = (first.effect, second.effect)
                 return
-            if both is not None and not both.implausible:
+            if both is not None and not impossible(both):
                 return
             if number == 0 and turned is None:
                 # alone, the first one stands in for the second too, and may not come away from there

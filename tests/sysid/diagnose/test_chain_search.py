@@ -196,6 +196,7 @@ def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypa
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 1.0)
     monkeypatch.setattr(chains._Chains, "_fitted", fitted)
     monkeypatch.setattr(fitted_chains, "refitted", lambda *_: alone("rotor_speed", 0.0))
+    monkeypatch.setattr(fitted_chains, "as_alone", lambda *_: None)
     monkeypatch.setattr(fitted_chains, "ranked", lambda one, _: one)
     search = search_of(False, wing)
     search.reference = cast("Any", SimpleNamespace(parent=None, users=()))
@@ -310,7 +311,7 @@ def test_a_dead_band_is_asked_before_a_chain_that_leaves_much_is_given_up(
 def test_what_promised_as_much_and_was_not_fitted_alone_takes_a_half_s_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """A damping of rates left noise, so one of their squares was not asked; beside a limit it was the truth."""
     limit, damping = alone("servo_saturation", 512.0), alone("angular_damping", 447.0)
-    scores = {"servo_saturation": 95.0, "angular_damping": 73.0, "quadratic_damping": 60.0, "lead_lag": 7.0}
+    scores = {"servo_saturation": 95.0, "angular_damping": 73.0, "quadratic_damping": 109.0, "lead_lag": 80.0}
     search, fitted = search_of(False, limit, damping), list[str]()
     search.scored = {name: scored(name, size).score for name, size in scores.items()}
 
