@@ -252,26 +252,28 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
     return reason
 
 
-def chance_of_noise(division: Division, scores: Sequence[Score], windows_tell: bool = True) -> float:
-    """Logarithm of the chance that noise alone shows as much as the best of all questions; windows of frequency among
-    them where these tell."""
+def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
+    """Logarithm of the chance that noise alone shows as much as the best of all questions."""
     best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    linear = log_chance(division.chi_squared, division.degrees) if windows_tell else 0.0
-    return of_all_questions(min(linear, best), division)
+    return of_all_questions(min(log_chance(division.chi_squared, division.degrees), best), division)
 
 
-def windows_tell(parent: Candidate, scores: Sequence[Score]) -> bool:
-    """Whether windows of frequency tell that a structure leaves more than noise, where nothing else did yet.
+def chance_of_an_alarm(parent: Candidate, scores: Sequence[Score]) -> float:
+    """The same of a structure that nothing was found beside yet.
 
-    They do not where noise comes in bursts: a short chirp passes some in a burst and others in the calm. There an entry
-    has to show it, too, before its bursts are taken off. (Four clean flights of 8 to 16 s showed as much by windows at
-    1e-25 to 1e-47; no entry did in three, and one in the fourth, at 2e-6. Of 130 that hid something, and came in
-    bursts, every one had an entry that did at 4e-8 and less, but for three slung loads.)
+    Where noise comes in bursts, windows of frequency alone tell nothing: a short chirp passes some in a burst and
+    others in the calm. An entry has to show it, too, before its bursts are taken off. (Four clean flights of 8 to 16 s
+    showed as much by windows at 1e-25 to 1e-47; no entry did in three, and one in the fourth, at 2e-6. Of 130 that hid
+    something, and came in bursts, every one had an entry that did at 4e-8 and less, but for three slung loads.)
     """
-    shown = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    if shown < SHOWN_IN_BURSTS or not parent.division.measured:
-        return True
-    return not parent.stepped.envelope(parent.metric).rough
+    chance = chance_of_noise(parent.division, scores)
+    if chance >= SIGNIFICANT or not parent.division.measured:
+        return chance
+    places = math.log(max(len(scores), 1))
+    shown = min((one.log_p for one in scores), default=0.0) + places
+    if shown < SHOWN_IN_BURSTS or not parent.stepped.envelope(parent.metric).rough:
+        return chance
+    return of_all_questions(min((one.log_p_surely for one in scores), default=0.0) + places, parent.division)
 
 
 def of_all_questions(log_p: float, division: Division) -> float:

@@ -4,9 +4,8 @@ not noise. They are not searched for crumbs."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 from sysid.diagnose.candidates import (
     CRUMBS,
@@ -26,7 +25,7 @@ from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.on_samples import on_samples_beside
 from sysid.diagnose.progress import Listener
 from sysid.diagnose.refits import NEAR, PRICES
-from sysid.diagnose.score import Score, log_chance
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
 from sysid.model.acting import linear_dynamics
 from sysid.model.effect import catalogue, parts_of
@@ -88,12 +87,10 @@ def chains_of_two(
     but for what is surely beside it without showing by power; else what is significant beside the best is tried,
     however little it is by power, and with the best the one that explains most on the validation runs.
     """
-    fitted = [one for one in singles if one.fit is not None]
-    able = [one for one in fitted if one.delta_bic < 0]
+    able = [one for one in singles if one.fit is not None and one.delta_bic < 0]
     if not able:
         return ChainSearch()
-    chains = _Chains(fitted, reference, say, budget, named is not None)
-    chains.scored = {one.effect: one.score for one in singles if one.score is not None and one.not_testable is None}
+    chains = _Chains(singles, reference, say, budget, named is not None)
     no_need = chains.look(able, named, limit or Limit())
     parts = chains.parts_of(named or able[0], singles)
     if no_need is None:
@@ -125,9 +122,6 @@ def _best_elsewhere(able: Sequence[Ranked]) -> Ranked | None:
 
 class _Chains(FittedChains):
     """In what order they are looked for."""
-
-    scored: Mapping[str, Score] = MappingProxyType({})
-    """What was asked of the structure itself, fitted or not."""
 
     def look(self, able: Sequence[Ranked], named: Ranked | None, limit: Limit) -> ChainSearch | None:
         """Look for chains; what to say where there is no need to, else None."""

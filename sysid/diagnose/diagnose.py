@@ -25,7 +25,7 @@ from sysid.diagnose.candidates import (
     SIGNIFICANT,
     Ranked,
     Reference,
-    chance_of_noise,
+    chance_of_an_alarm,
     compared,
     entries,
     heard,
@@ -33,7 +33,6 @@ from sysid.diagnose.candidates import (
     rank,
     ranked,
     score_effects,
-    windows_tell,
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step
@@ -190,7 +189,7 @@ def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Sco
     asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     scores = [one.score for one in candidates if one.score is not None]
-    chance = chance_of_noise(parent.division, scores, windows_tell(parent, scores))
+    chance = chance_of_an_alarm(parent, scores)
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance >= SIGNIFICANT:
         chance = min(chance, chance_of_rest(candidates, parent, effects, say))

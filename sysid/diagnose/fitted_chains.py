@@ -47,15 +47,17 @@ class FittedChains:
     """Chains that were fitted, each pair of effects once, at its best; and what the search may yet cost."""
 
     def __init__(
-        self, fitted: Sequence[Ranked], reference: Reference, say: Listener, budget: float | None, answered: bool
+        self, singles: Sequence[Ranked], reference: Reference, say: Listener, budget: float | None, answered: bool
     ) -> None:
         self.reference, self.say = reference, say
         self.budget = self.left = BUDGET if budget is None else budget
         self.tried = 0
         self.answered = answered
-        self.single = {one.effect: one for one in fitted}
+        self.scored = {one.effect: one.score for one in singles if one.score is not None and one.not_testable is None}
+        """What was asked of the structure itself, fitted or not."""
+        self.single = {one.effect: one for one in singles if one.fit is not None}
         """Effects that were fitted alone;"""
-        self.alone = {one.effect: one for one in fitted if not impossible(one)}
+        self.alone = {name: one for name, one in self.single.items() if not impossible(one)}
         """of them the plausible ones, and what a tether would be."""
         self.seconds: dict[str, list[Ranked]] = {}
         """What was asked beside each first effect, the most promising first."""
