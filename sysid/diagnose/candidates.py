@@ -254,8 +254,8 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
 
 def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
     """Logarithm of the chance that noise alone shows as much as the best of all questions."""
-    best = min((one.log_p_surely for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    return of_all_questions(min(log_chance(division.chi_squared, division.degrees), best), division)
+    linear = log_chance(division.chi_squared, division.degrees)
+    return of_all_questions(min(linear, _of_the_best([one.log_p_surely for one in scores])), division)
 
 
 def chance_of_an_alarm(parent: Candidate, scores: Sequence[Score]) -> float:
@@ -269,11 +269,15 @@ def chance_of_an_alarm(parent: Candidate, scores: Sequence[Score]) -> float:
     chance = chance_of_noise(parent.division, scores)
     if chance >= SIGNIFICANT or not parent.division.measured:
         return chance
-    places = math.log(max(len(scores), 1))
-    shown = min((one.log_p for one in scores), default=0.0) + places
+    shown = _of_the_best([one.log_p for one in scores])
     if shown < SHOWN_IN_BURSTS or not parent.stepped.envelope(parent.metric).rough:
         return chance
-    return of_all_questions(min((one.log_p_surely for one in scores), default=0.0) + places, parent.division)
+    return of_all_questions(_of_the_best([one.log_p_surely for one in scores]), parent.division)
+
+
+def _of_the_best(chances: Sequence[float]) -> float:
+    """Logarithm of the chance that the best of so many entries is shown by noise."""
+    return min(chances, default=0.0) + math.log(max(len(chances), 1))
 
 
 def of_all_questions(log_p: float, division: Division) -> float:

@@ -301,7 +301,7 @@ class Shares:
             return share
         most = self._of_most(one)
         # what it leaves is dear to measure, and only makes the share less
-        by_noise = min(most, self._by_the_noise(one)) if most >= self.least else most
+        by_noise = self._by_the_noise(one) if most >= self.least else most
         return by_noise if little or nearly or by_noise >= NEARLY_ALL else share
 
     def _by_the_noise(self, one: Ranked, in_a_loop: float = 0.0) -> float:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import planted
@@ -22,9 +23,11 @@ from gcs.analysis.text.beyond import beyond_sentences
 from gcs.analysis.text.verdict import answer
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
-from sysid.diagnose import shares, verdict
+from sysid.diagnose import candidates, shares, verdict
+from sysid.diagnose.candidates import SIGNIFICANT
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.likely import misfit
+from sysid.diagnose.score import Score
 from sysid.diagnose.shares import EXPLAINED_IN_A_LOOP, Shares
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
@@ -329,6 +332,19 @@ def test_what_windows_seem_to_show_in_bursts_takes_no_name_away(monkeypatch: pyt
     assert misfit(found.winner) > found.winner.chi_squared
     monkeypatch.setattr(Shares, "_beyond_noise", lambda _, one, chance: misfit(one, chance))
     assert ask_runs(runs).verdict == "unexplained"
+
+
+@pytest.mark.parametrize("rough", [True, False])
+def test_what_windows_seem_to_show_in_bursts_is_no_alarm_and_is_looked_for_beside_an_effect(rough: bool) -> None:
+    """What a dead band and a drift left beside play showed in windows alone, in bursts: no chain was begun."""
+    division = SimpleNamespace(chi_squared=200.0, degrees=40, measured=True)
+    stepped = SimpleNamespace(envelope=lambda _: SimpleNamespace(rough=rough))
+    parent = cast("Any", SimpleNamespace(division=division, stepped=stepped, metric=None))
+    faint = Score(effect="speed_stability", chi_squared=12.0, degrees=2, tried=1, at={}, errors={})
+    assert candidates.chance_of_noise(cast("Any", division), [faint]) < SIGNIFICANT
+    assert (candidates.chance_of_an_alarm(parent, [faint]) < SIGNIFICANT) == (not rough)
+    surely = replace(faint, chi_squared=60.0)
+    assert candidates.chance_of_an_alarm(parent, [surely]) < SIGNIFICANT, "an entry shows it, too"
 
 
 @pytest.mark.usefixtures("only_effects")
