@@ -19,6 +19,7 @@ from sysid.diagnose.foretold import less_left
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import begun_at, refitted
 from sysid.fit.output_error import output_error
+from sysid.model.effect import named_effect
 from sysid.model.relaxation import RelaxationError
 
 PROMISES = 40.0
@@ -70,8 +71,10 @@ class _Foretelling:
         linear = self.fitted(self.asked(False)[:RIVALS], RIVAL * best)
         if any(more > RIVAL * best for _, more in linear):
             return []
-        surely = [each for each in self.turned(fitted) if each[1] >= SURELY_FORETELLS]
-        told = [self.told(*each) for each in surely]
+        turned = list(self.turned(fitted))
+        resting = any(self.rests(one) and more >= SURELY_FORETELLS for one, more in turned)
+        # play with a dead band that foretells less, or the other way round: the log may have lost what tells them apart
+        told = [self.told(*each) for each in turned if each[1] >= SURELY_FORETELLS or (resting and self.rests(each[0]))]
         return [one for one in told if one is not None]
 
     def asked(self, samples: bool) -> list[Ranked]:
@@ -89,9 +92,14 @@ class _Foretelling:
 
     def fitted(self, asked: Sequence[Ranked], least: float) -> list[tuple[Ranked, float]]:
         """Of these what promises the least or more, fitted, and by how much each foretells more than the name alone."""
-        promising = (one for one in asked if one.score is not None and one.score.chi_squared >= least)
+        promising = [one for one in asked if one.score is not None and one.score.chi_squared >= least]
+        if any(self.rests(one) for one in promising):  # only fits tell play from a dead band
+            promising += [one for one in asked if self.rests(one) and one not in promising]
         again = [refitted(one, self.begun, self.reference.users) for one in promising]
         return [(one, self.more(one.fit)) for one in again if one.fit is not None]
+
+    def rests(self, one: Ranked) -> bool:
+        return named_effect(one.effect, self.reference.users).rests_within is not None
 
     def more(self, fit: Candidate) -> float:
         return explained_by(fit, self.begun, self.begun.metric)

@@ -309,7 +309,9 @@ class Shares:
         explains; standard deviations of that, taken off where no excitation is logged, are `in_a_loop`."""
         assert one.fit is not None
         own, chance = max(0.0, one.chi_squared), SLACK if one.fit.division.measured else in_a_loop
-        return min(own / max(own + self._beyond_noise(one, chance), 1e-300), self._of_most(one))
+        most = self._of_most(one)
+        left = misfit(one, chance) if most < DOUBTFUL else self._beyond_noise(one, chance)  # no answer either way
+        return min(own / max(own + left, 1e-300), most)
 
     def _beyond_noise(self, one: Ranked, chance: float) -> float:
         """Chi squared that it leaves; where noise comes in bursts no more than simple terms or a slow mode explain of

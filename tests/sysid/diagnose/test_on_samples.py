@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -133,17 +134,50 @@ def scored(name: str, chi_squared: float) -> Ranked:
 def test_nothing_is_told_beside_a_name_that_is_faint_or_that_something_linear_does_nearly_as_well(
     band: tuple[float, float], lag: tuple[float, float], told: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    more = {"servo_deadband": band[1], "servo_lag": lag[1]}
+    search = foretelling({"servo_deadband": band}, {"servo_lag": lag}, monkeypatch)
+    assert {one.effect for one in search.found()} == set(told)
+
+
+@pytest.mark.parametrize(
+    ("scores", "more", "told"),
+    [
+        # what rests is fitted both ways where either promises, and stands beside the one that surely foretells
+        ((PROMISES, PROMISES - 1, 0.0), (SURELY_FORETELLS, 30.0, 0.0), ["servo_backlash", "servo_deadband"]),
+        ((PROMISES - 1, PROMISES, 0.0), (SURELY_FORETELLS, 30.0, 0.0), ["servo_backlash", "servo_deadband"]),
+        ((PROMISES - 1, PROMISES - 1, PROMISES), (99.0, 99.0, 99.0), ["servo_rate_limit"]),
+        ((PROMISES, PROMISES, PROMISES), (99.0, 30.0, 30.0), ["servo_backlash", "servo_deadband"]),
+        ((PROMISES, PROMISES, PROMISES), (30.0, 30.0, 99.0), ["servo_rate_limit"]),
+    ],
+)
+def test_play_and_a_dead_band_are_told_together(
+    scores: tuple[float, ...], more: tuple[float, ...], told: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("servo_backlash", "servo_deadband", "servo_rate_limit")
+    search = foretelling(dict(zip(names, zip(scores, more, strict=True), strict=True)), {}, monkeypatch)
+    assert {one.effect for one in search.found()} == set(told)
+
+
+def foretelling(
+    samples: Mapping[str, tuple[float, float]],
+    linear: Mapping[str, tuple[float, float]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> _Foretelling:
+    """A search that finds what acts on samples, and what does not, to score and foretell so much."""
+    more = {name: each[1] for name, each in ({**samples, **linear}).items()}
     fits = {name: SimpleNamespace(told=(SimpleNamespace(by_name={}),), name=name) for name in more}
     monkeypatch.setattr(on_samples, "refitted", lambda one, *_: replace(one, fit=cast("Any", fits[one.effect])))
+    monkeypatch.setattr(on_samples, "begun_at", lambda *_: None)
+    asked = {
+        acts: [scored(name, each[0]) for name, each in some.items()]
+        for acts, some in ((True, samples), (False, linear))
+    }
     monkeypatch.setattr(_Foretelling, "__init__", lambda *_: None)
-    asked = {True: [scored("servo_deadband", band[0])], False: [scored("servo_lag", lag[0])]}
-    monkeypatch.setattr(_Foretelling, "asked", lambda _, samples: asked[samples])
+    monkeypatch.setattr(_Foretelling, "asked", lambda _, acts: asked[acts])
     monkeypatch.setattr(_Foretelling, "more", lambda _, fit: more[fit.name])
     monkeypatch.setattr(_Foretelling, "told", lambda _, beside, __: beside)
     search = _Foretelling(cast("Any", None), ("dynamic_inflow",), cast("Any", None))
     search.begun, search.reference = cast("Any", None), cast("Any", SimpleNamespace(users=()))
-    assert [one.effect for one in search.found()] == told
+    return search
 
 
 def test_only_beside_what_is_linear_and_where_an_excitation_is_logged() -> None:
