@@ -365,12 +365,13 @@ def test_no_terms_are_looked_for_beside_what_is_no_answer_either_way(share: floa
     rough = SimpleNamespace(envelope=lambda _: SimpleNamespace(rough=True))
     division = SimpleNamespace(chi_squared=500.0, degrees=40, measured=True)
     one: Any = SimpleNamespace(chi_squared=100 * share, added=0, stepped=rough, fit=SimpleNamespace(division=division))
+
+    def beside(fit: object) -> float:
+        asked.append(fit)
+        return 0.0
+
     left: Any = object.__new__(Shares)
-    for name, value in {
-        "most_explained": 100.0,
-        "whitening": None,
-        "beside": lambda fit: asked.append(fit) or 0.0,
-    }.items():
+    for name, value in (("most_explained", 100.0), ("whitening", None), ("beside", beside)):
         object.__setattr__(left, name, value)
     assert left._by_the_noise(one) < share + 1e-9
     assert bool(asked) == (share > DOUBTFUL)
