@@ -64,13 +64,18 @@ QUOTAS: Mapping[tuple[str, bool], int] = {
     ("none", True): 600,
     ("none", False): 600,
     ("catalogue", True): 370,
-    ("catalogue", False): 150,
+    ("catalogue", False): 360,
     ("beyond", True): 160,
     ("beyond", False): 60,
     ("two", True): 50,
     ("two", False): 20,
 }
 """(what is hidden, whether the excitation is logged): flights. One in six of the catalogue is too small to be seen."""
+OF_A_VERDICT = (
+    "verdict", "reason", "effect", "stands_in", "chain", "indistinguishable", "indistinguishable_pairs", "equivalent",
+    "confidence",
+)  # fmt: skip
+"""What is kept of an answer before it was asked what matters."""
 SHOWN = 8
 LONGEST_S = 900.0
 """Of wall-clock, for a flight and its diagnosis."""
@@ -223,8 +228,10 @@ def _strange(case: Case) -> dict[str, Any]:
     except Exception as error:
         return answer | {"failed": f"{type(error).__name__}: {error}"}
     second = None if said.second is None else told(said.second)
+    whole = None if said.whole is None else {name: said.whole.to_json()[name] for name in OF_A_VERDICT}
     numbers = {} if fit is None else _numbers("fit", fit.model, fit.covariance)
-    return answer | told(said.first) | numbers | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
+    asked = {"second": second, "unweighed": whole, "clocks": said.clocks, "seconds": said.seconds}
+    return answer | told(said.first) | numbers | asked
 
 
 def mixed(first: int, count: int) -> Iterator[Case]:

@@ -141,6 +141,11 @@ class Flight:
         return bool(self.said["verdict"] == "complete") and little
 
     @property
+    def unweighed(self) -> Flight:
+        """As all that shows is told, whether it matters or not."""
+        return Flight(self.said | (self.said.get("unweighed") or {}))
+
+    @property
     def right(self) -> bool:
         """The first answer, or the verdict where there is none to name."""
         if self.level == "none":

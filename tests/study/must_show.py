@@ -20,6 +20,8 @@ FALSE_ALARMS = (0.01, 0.05)
 ROC_LEAST = 6
 """Flights of an entry, to be listed."""
 Z_FAR = 3.0
+WHOLE = "all that shows told"
+"""As `--matters` of hardly anything has it."""
 LONGEST_S, MOST_SAMPLES = (2.0, 5.0), 60_000
 """CPU seconds of a diagnosis, median and 95th percentile, of runs that have so many samples together."""
 
@@ -62,13 +64,22 @@ def must_show(flights: Sequence[Flight]) -> list[str]:
     sure = [one for one in named if one.said["confidence"] >= SURE]
     lines = [
         *_with_and_without("alarms, nothing hidden", clean, lambda one: one.alarm, most=(0.0, 0.01), wanted=600),
+        *_with_and_without(f"  {WHOLE}", clean, lambda one: one.unweighed.alarm, most=(0.0, 0.01), wanted=600),
         *_with_and_without("right or in class", known, _right, least=(0.97, 0.92), wanted=300),
         *_with_and_without("  with what matters little", known, _spared, least=(0.97, 0.92), wanted=300),
+        *_with_and_without(f"  {WHOLE}", known, lambda one: _right(one.unweighed), least=(0.97, 0.92), wanted=300),
         Line(words="not in the catalogue, and so said", flights=beyond, counts=_right, least=0.92, wanted=200),
         Line(
             words="  or complete, and mattering little",
             flights=beyond,
             counts=_spared,
+            least=0.92,
+            wanted=200,
+        ),
+        Line(
+            words=f"  {WHOLE}",
+            flights=beyond,
+            counts=lambda one: _right(one.unweighed),
             least=0.92,
             wanted=200,
         ),

@@ -9,7 +9,7 @@ import pytest
 from intervals import area_under, reliability, threshold_at, wilson
 from judge import report
 from judged import Flight, load
-from must_show import base_errors, by_detectability, must_show, seconds
+from must_show import WHOLE, base_errors, by_detectability, must_show, seconds
 
 
 @pytest.mark.parametrize(
@@ -77,6 +77,20 @@ def test_thinned_commands_are_no_alarm_where_nobody_told_of_the_loop() -> None:
     assert not answered("none", "missing", "gyro_lag", flight=unknown, **said).alarm
     assert answered("none", "missing", "gyro_lag", flight=told, **said).alarm
     assert answered("none", "missing", "gyro_lag", flight=unknown).alarm
+
+
+def test_what_matters_little_is_counted_as_it_was_told_before_that_was_asked_too() -> None:
+    whole = {"verdict": "unexplained", "reason": None, "effect": None, "indistinguishable": [], "chain": []}
+    foreign = answered("beyond", "complete", unweighed=whole)
+    assert not foreign.right
+    assert foreign.unweighed.right
+    lines = [line for line in must_show([foreign, answered("none", "complete", unweighed=whole)]) if WHOLE in line]
+    assert ["1 of 1" in line for line in lines] == [True, False, True]
+    named = answered("catalogue", "complete", hidden="servo_lag", unweighed=whole | {"effect": "servo_lag"})
+    assert not named.right_in_class
+    assert named.unweighed.right_in_class
+    same = answered("catalogue", "missing", "servo_lag", unweighed=None)
+    assert same.unweighed.right_in_class
 
 
 def test_a_class_counts_and_a_large_one_does_not() -> None:

@@ -55,6 +55,8 @@ class Answer:
     """What is said of the time of the commands, where it explains what is left: `CommandsThinned`, `CommandsLate`."""
     seconds: float
     """Of computing, of the first."""
+    whole: Diagnosis | None
+    """The first before it was asked what matters, where that changed it."""
 
 
 class _Question(NamedTuple):
@@ -84,13 +86,15 @@ def ask(stranger: Stranger) -> Answer:
     """What is said of a strange flight, by its log and card."""
     base, runs, fitted, judging, band_hz = _Question.of(stranger)
     begin = time.process_time()
-    found = weighed(diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz))
+    whole = diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz)
+    found = weighed(whole)
     early = clocks(found)
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and _is_added(found):
         second = asked_with((found.effect,), on_runs(base, (), runs, fitted), fitted, judging, band_hz)
-    return Answer(found, second, None if early is None else type(early).__name__, taken)
+    changed = whole if whole.verdict != found.verdict else None
+    return Answer(found, second, None if early is None else type(early).__name__, taken, changed)
 
 
 def fitted_runs(stranger: Stranger) -> list[Record]:
