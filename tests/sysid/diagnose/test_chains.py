@@ -77,7 +77,7 @@ def test_a_chain_is_told_by_whether_an_excitation_is_logged(
     monkeypatch.setattr(confidence, "CHAIN_EXCITED", -10.0)
     unsure = asked(flight)
     assert (unsure.verdict, unsure.chain) == ("unexplained", logged.chain)
-    assert unsure.confidence <= 0.92
+    assert unsure.confidence <= confidence.UNEXPLAINED_RIGHT
 
 
 @EFFECTS
