@@ -29,9 +29,15 @@ CHAPTERS = {
     "What the numbers mean": "numbers",
 }
 """README's chapters -> their pages."""
+TITLES = {
+    "tests/study/RESULTS.md": "Studies, and what they showed",
+    "tests/study/EARLIER_RESULTS.md": "Judgements before, and what was learnt from each",
+    "tests/benchmarks/RESULTS.md": "Speed, and beside whom",
+}
+"""Of pages that have many of their own."""
 AS_THEY_ARE = (
     *("CHANGELOG.md", "CONTRIBUTING.md", "gcs/tui/glossary.md", "sysid/effects/README.md"),
-    *("tests/study/RESULTS.md", "tests/benchmarks/RESULTS.md"),
+    *TITLES,
 )
 CONTENTS = "\n```{{toctree}}\n:hidden:\n\n{}\n```\n"
 THEORY = ("structures", "criterion", "bounds", "diagnosis", "stopping")
@@ -77,9 +83,8 @@ def arranged(text: str, name: str, staged: dict[str, str]) -> str:
     if not name.endswith(".md"):
         return text
     text = MERMAID.sub(lambda found: listed(found[1]), text)
-    if name.endswith("RESULTS.md"):
-        title = "Studies, and what they showed" if "study" in name else "Speed, and beside whom"
-        text = f"# {title}\n\n{one_lower(text)}"
+    if name in TITLES:
+        text = f"# {TITLES[name]}\n\n{one_lower(text)}"
     here = Path(name).parent
 
     def led(found: re.Match[str]) -> str:
