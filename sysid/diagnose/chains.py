@@ -3,6 +3,7 @@ not noise. They are not searched for crumbs."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -321,9 +322,10 @@ class _Chains(FittedChains):
                         self.fit(one, _unasked(other), exchanged=True)
 
     def contained_in(self, half: str) -> list[Ranked]:
-        """Plausible single effects that this one contains."""
+        """Single effects that this one contains, however implausible they are alone: that hangs on what else there
+        is."""
         known = catalogue()
-        return [self.alone[name] for name in (known[half].contains if half in known else ()) if name in self.alone]
+        return [self.single[name] for name in (known[half].contains if half in known else ()) if name in self.single]
 
     def exchange_doubtful(self) -> bool:
         """Put plausible effects in the place of what has doubtful values in the likeliest chains, where the very best
@@ -371,6 +373,18 @@ class _Chains(FittedChains):
             for one in self.like_beside(other, half):
                 if self.is_new(one, other):
                     yield self.single[other], one
+            yield from self.made_with(half, other)
+
+    def made_with(self, half: str, other: str) -> Iterator[tuple[Ranked, Ranked]]:
+        """What may be made of this half and something: of what is late a second order, which alone took up the other
+        half, too. One for those that predict the same."""
+        beside = self.single.get(other)
+        if beside is None or beside.fit is None:
+            return
+        whole = (name for name, one in catalogue().items() if any(half in parts for parts in one.made_of))
+        for name in itertools.islice(whole, 1):
+            if self.is_new(_unasked(name), other) and 0 < self.price_of(_unasked(name), beside.fit) < DEAR:
+                yield beside, _unasked(name)
 
     def promised_as_much(self, half: str) -> list[Ranked]:
         """What by itself scored as much as this half, and nearly the most of all, and was not fitted, for others left

@@ -200,13 +200,16 @@ def _explains_as_much(one: Ranked, winner: Ranked, halves: Sequence[Ranked]) -> 
     much."""
     if one.fit is None or len(one.names) >= len(winner.names) or one.explained_share is None:
         return False
-    if not set(one.outside) < set(winner.outside):
+    if not set(one.outside) < set(winner.outside) or one.delta_bic >= 0:
         return False
-    anyway = _explained_anyway(one, winner, halves)
-    if anyway is None or one.delta_bic >= 0 or one.chi_squared - anyway < AS_MUCH * (winner.chi_squared - anyway):
+    common = _explained_anyway(one, winner, halves)
+    anyway = common or 0.0
+    if one.chi_squared - anyway < AS_MUCH * (winner.chi_squared - anyway):
         return False
     if not contradicted(one) and one.delta_bic < winner.delta_bic + EVIDENCE:
         return True
+    if common is None:
+        return False
     shares = [(one.explained_share, winner.explained_share), (one.validation_share, winner.validation_share)]
     return all(his is None or (own is not None and own >= his - ALMOST) for own, his in shares)
 

@@ -177,14 +177,14 @@ def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class
     equivalent = dict(among.equivalent)
     for one in fitted:
         half = one.effect in winner.effects
-        if not half and (one.implausible or one.effect not in among.alike):
+        if not half and one.effect not in among.alike:
             continue
         more = [
             each.effect
             for each in fitted
             if each.effect not in known
             and twins(one, each)
-            and (not each.implausible or (half and _fits(each, winner, one)))
+            and (not each.implausible or (_fits(each, winner, one) if half else _as_plausible(each, one)))
         ]
         known.update(more)
         if more:
@@ -198,6 +198,14 @@ def _fits(twin: Ranked, chain: Ranked, half: Ranked) -> bool:
     values = [chain.fit.model[name] for effect in half.own for name in effect.names]
     its = [parameter for effect in twin.own for parameter in effect.parameters]
     return len(values) == len(its) and not any(map(Parameter.implausible, its, values))
+
+
+def _as_plausible(twin: Ranked, one: Ranked) -> bool:
+    """Whether of a twin no other values are implausible than of this one, which stands in the class of a chain: there
+    it has others than alone."""
+    mine, its = ([name for effect in each.own for name in effect.names] for each in (one, twin))
+    allowed = {its[i] for i, name in enumerate(mine) if name in one.implausible and i < len(its)}
+    return len(mine) == len(its) and set(twin.implausible) <= allowed
 
 
 def twins(one: Ranked, other: Ranked) -> bool:

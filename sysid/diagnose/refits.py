@@ -133,15 +133,17 @@ class _Order:
 
     def _level_inside(self, larger: Ranked, one: Ranked) -> None:
         """Begin an entry of one number at the mean of those that the one has which contains it; in a loop in the noise
-        that this leaves, for by the parent's, which is late itself, another valley was as good."""
+        that this leaves, and where it foretells best there, for by the parent's, which is late itself, another valley
+        was as good."""
         assert larger.fit is not None
         assert one.fit is not None
-        parent, there = self.parent, larger.fit.model
+        parent, in_a_loop = self.parent, one.fit.dataset.in_a_loop
         mine, his = ([name for effect in each.own for name in effect.names] for each in (one, larger))
-        behind = explained_by(larger.fit, parent, parent.metric) - explained_by(one.fit, parent, parent.metric)
+        beside = larger.fit if in_a_loop else parent
+        there = larger.fit.asked_in(beside.metric).model if in_a_loop else larger.fit.model
+        behind = explained_by(larger.fit, parent, beside.metric) - explained_by(one.fit, parent, beside.metric)
         if behind <= max(SAME, misfit(larger)) or len(mine) != 1:
             return
-        beside = larger.fit if one.fit.dataset.in_a_loop else parent
         again = begun_at(one.fit, beside, {**there.by_name, mine[0]: float(np.mean([there[name] for name in his]))})
         if again is not None:
             self.found[one.effects] = replace(one, fit=again)

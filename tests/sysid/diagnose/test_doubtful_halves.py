@@ -10,7 +10,7 @@ import pytest
 from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
-from sysid.diagnose import chains, choice, fitted_chains, refits
+from sysid.diagnose import chains, choice, fitted_chains, likely, refits
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import _Chains
 from sysid.diagnose.fitted_chains import DEAR, OPPOSED
@@ -181,12 +181,14 @@ def test_what_is_not_plausible_alone_is_begun_with_where_that_is_cheap(
     assert search.cheap_to_begin_with(tether, scored("sideslip", 137.0)) is None
 
 
+@pytest.mark.parametrize("doubtful", [(), ("tau_s",)])
 @pytest.mark.parametrize(("behind", "tried"), [(0.5, ["servo_lag"]), (50.0, [])])
 def test_what_a_half_contains_is_tried_in_the_likeliest_chains(
-    behind: float, tried: list[str], monkeypatch: pytest.MonkeyPatch
+    behind: float, tried: list[str], doubtful: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A lag of each axis beside a hub was the likeliest, and a lag of all beside a damping, the truth, not fitted."""
-    search, asked = search_of(alone("lag_per_axis", 284.0), alone("servo_lag", 270.0)), list[str]()
+    """A lag of each axis beside a hub was the likeliest, and a lag of all beside a damping, the truth, not fitted; and
+    a lag of all that alone, without the hub, was longer than one may be."""
+    search, asked = search_of(alone("lag_per_axis", 284.0), alone("servo_lag", 270.0, doubtful)), list[str]()
     best = alone("", 422.0, (), ("hub_gyroscopics", "dynamic_inflow"))
     near = alone("", 422.0 - behind, (), ("lag_per_axis", "angular_damping"))
     search.found = {one.effects: one for one in (best, near)}
@@ -222,3 +224,36 @@ def test_a_chain_that_leaves_more_than_its_half_begins_once_more_as_both_are_alo
     monkeypatch.setattr(fitted_chains, "as_alone", lambda *_: None)
     search.fit(damping, scored("servo_deadband", 88.0))
     assert begun == [None, "as alone", None]
+
+
+@pytest.mark.parametrize(("behind", "simpler"), [(0.5, True), (20.0, False)])
+def test_of_two_a_simpler_pair_is_told_by_evidence_where_the_common_half_was_not_fitted(
+    behind: float, simpler: bool
+) -> None:
+    """A lag beside a hub, the truth, was a hair behind servos of two real poles there, which were taken for the lag
+    alone: the hub had no fit of its own to tell how much either adds."""
+    servos = alone("", 3362.2, ("zeta",), ("servo_second_order", "hub_gyroscopics"))
+    lag = alone("", 3362.2 - behind, (), ("gyro_lag", "hub_gyroscopics"))
+    servos, lag = (replace(one, rows=1000, added=len(one.names), explained_share=1.0) for one in (servos, lag))
+    for halves in ((), (alone("hub_gyroscopics", 69.0),)):
+        assert choice._explains_as_much(lag, servos, halves) == (simpler or bool(halves))
+    assert not choice._explains_as_much(replace(lag, chi_squared=2000.0), servos, ())
+
+
+@pytest.mark.parametrize(("twin_s", "told"), [(("zeta",), True), (("corner",), False), ((), True)])
+def test_what_is_one_with_an_entry_of_a_chain_s_class_is_so_however_implausible_both_are_alone(
+    twin_s: tuple[str, ...], told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone servos of second order and a filter of the gyros rang for the inflow; beside it neither did."""
+    monkeypatch.setattr(Ranked, "own", property(lambda one: tuple(catalogue()[name] for name in one.effects)))
+    monkeypatch.setattr(likely, "twins", lambda one, other: {one.effect, other.effect} == {*SECOND_ORDER})
+    singles = [alone("servo_second_order", 431.0, ("zeta",)), alone("gyro_filter", 431.0, twin_s)]
+    singles = [replace(one, stepped=cast("Any", object())) for one in singles]
+    chain = alone("", 534.0, (), ("transport_delay", "dynamic_inflow"))
+    among = likely.Class(alike=("servo_second_order",), equivalent={}, named=0.7, whole=0.99)
+    found = likely.with_twins(among, chain, singles).equivalent
+    assert found == ({"servo_second_order": ("gyro_filter",)} if told else {})
+    assert likely.with_twins(replace(among, alike=()), chain, singles).equivalent == {}
+
+
+SECOND_ORDER = ("servo_second_order", "gyro_filter")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -50,6 +51,26 @@ def test_its_parts_are_fitted_together_where_both_can_be_asked(
     both = search.found["dynamic_inflow", "transport_delay"] = unasked("transport_delay", "dynamic_inflow")
     assert search.parts_of(asked[0], asked) == ([] if why_not else [both])
     assert len(fitted) == (not why_not), "once, and nothing of what is made of nothing"
+
+
+@pytest.mark.parametrize(
+    ("half", "price", "made"), [("transport_delay", 2.0, 1), ("transport_delay", chains.DEAR, 0), ("servo_lag", 2.0, 0)]
+)
+def test_what_may_be_made_of_a_half_takes_its_place(
+    half: str, price: float, made: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A filter of the gyros beside an inflow, which alone rang for both, was not fitted where a delay stood for it."""
+    inflow = replace(unasked("dynamic_inflow"), fit=cast("Any", object()))
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: price)
+    search = chains._Chains((inflow,), cast("Any", None), lambda _: None, None, answered=True)
+    found = list(search.made_with(half, "dynamic_inflow"))
+    assert len(found) == made
+    for beside, one in found:
+        assert beside is inflow
+        assert one.effect in ("servo_second_order", "gyro_filter")
+        search.found[tuple(sorted((one.effect, "dynamic_inflow")))] = one
+    assert list(search.made_with(half, "dynamic_inflow")) == [], "once"
+    assert list(search.made_with(half, "angular_damping")) == [], "which was not fitted alone"
 
 
 def test_a_pair_is_part_of_a_single_effect_alone() -> None:
