@@ -3,7 +3,6 @@ not noise. They are not searched for crumbs."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -381,10 +380,10 @@ class _Chains(FittedChains):
         beside = self.single.get(other)
         if beside is None or beside.fit is None:
             return
-        whole = (name for name, one in catalogue().items() if any(half in parts for parts in one.made_of))
-        for name in itertools.islice(whole, 1):
-            if self.is_new(_unasked(name), other) and 0 < self.price_of(_unasked(name), beside.fit) < DEAR:
-                yield beside, _unasked(name)
+        known = catalogue().items()
+        whole = next((_unasked(name) for name, one in known if any(half in parts for parts in one.made_of)), None)
+        if whole is not None and self.is_new(whole, other) and 0 < self.price_of(whole, beside.fit) < DEAR:
+            yield beside, whole
 
     def promised_as_much(self, half: str) -> list[Ranked]:
         """What by itself scored as much as this half, and nearly the most of all, and was not fitted, for others left
