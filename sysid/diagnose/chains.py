@@ -28,7 +28,7 @@ from sysid.diagnose.refits import NEAR, PRICES
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft, MuchLeft, Unsearched
 from sysid.model.acting import linear_dynamics
-from sysid.model.effect import catalogue, parts_of
+from sysid.model.effect import catalogue, parts_of, tied
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
@@ -163,6 +163,7 @@ class _Chains(FittedChains):
                 if _explained(self.best) >= HOPELESS:
                     self.exchange_resting()
                     self.exchange_doubtful()
+                    self.exchange_for_a_tether()
                 if (explained := _explained(self.best)) < hopeful:
                     self.given_up = MuchLeft(self.best.effects, explained)
                     return True
@@ -205,6 +206,9 @@ class _Chains(FittedChains):
             self.interrupt()
             return False
         self.found |= {names_of(*one.effects): one for one in both}
+        if both:
+            self.exchange_for_a_tether()
+            self.exchange_larger()
         return bool(both)
 
     def told(self) -> ChainSearch:
@@ -309,6 +313,15 @@ class _Chains(FittedChains):
         """Put what rests as a half of the best chain does in its place, beside the other half as that is alone."""
         for other, one in self.resting_in_place(self.best):
             self.fit(other, one, exchanged=True)
+
+    def exchange_for_a_tether(self) -> None:
+        """Put a tether in the place of a half of the best chain that explains hardly more alone: what else is plausible
+        is begun with, and a weathercock beside play had explained two thirds of what a stand did."""
+        tethers = [one for one in self.alone.values() if tied(one.effects)]
+        for half, other in (self.best.effects, self.best.effects[::-1]):
+            for one in tethers:
+                if half in self.single and _as_much(one, self.single[half]) and self.is_new(one, other):
+                    self.fit(one, _unasked(other), exchanged=True)
 
     def exchange_larger(self) -> None:
         """Put what a half contains in its place, in the likeliest chains, where that is cheap: a lag of each axis with

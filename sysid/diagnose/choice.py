@@ -62,7 +62,9 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     single = _likeliest_in_practice(single, singles)
     surely = [one for one in pairs if _foretells_surely(one, single)]
     if surely:
-        return max(surely, key=lambda one: one.foretells)
+        foretelling = max(surely, key=lambda one: one.foretells)
+        likelier = [one for one in pairs if _in_its_place(one, foretelling, single)]
+        return min(likelier, key=lambda one: one.delta_bic, default=foretelling)
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
     named = _likeliest_in_practice(pair, pairs, singles)
@@ -92,6 +94,14 @@ def _foretells_surely(pair: Ranked, single: Ranked) -> bool:
     become the likeliest since, nothing speaks for the first: a dead band explained more than the lags that passed for
     it."""
     return pair.foretells >= SURELY_FORETELLS and not pair.outside and single.effect == pair.effects[0]
+
+
+def _in_its_place(one: Ranked, foretelling: Ranked, single: Ranked) -> bool:
+    """Whether a chain with another linear half than the one that was named alone is likelier than that which surely
+    foretells, with no more numbers: alone a tether looked like what is plausible, or a lag like one of each axis."""
+    if single.effect in one.effects or not _evident(one) or impossible(one) or one.delta_bic >= foretelling.delta_bic:
+        return False
+    return _measured_by_samples(one) and len(one.names) <= len(foretelling.names)
 
 
 def _more(pair: Ranked, single: Ranked) -> float:

@@ -21,6 +21,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset, Runs, dataset, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
+from sysid.diagnose.beside_known import chance_beside_known
 from sysid.diagnose.candidates import (
     SIGNIFICANT,
     Ranked,
@@ -193,6 +194,8 @@ def _scored(parent: Candidate, effects: Sequence[Effect], say: Listener) -> _Sco
     chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance >= SIGNIFICANT:
         chance = min(chance, chance_of_rest(candidates, parent, effects, say))
+    if chance >= SIGNIFICANT:
+        chance = min(chance, chance_beside_known(candidates, parent, effects, say))
     return _Scored(parent=parent, candidates=candidates, chance=chance, elsewhere=elsewhere, users=effects)
 
 

@@ -202,14 +202,24 @@ def bounded_step(here: NormalEquations, free: NDArray[np.bool_], least: FloatArr
     """The Gauss-Newton step (parameters,) between these steps; what would pass them goes there, and the rest follows.
 
     To cut the step alone is not enough where parameters stand for each other: a lag that ends at zero would leave its
-    delay as far off as if the lag had gone on below.
+    delay as far off as if the lag had gone on below. Where all that promises nothing, for a number went far beyond the
+    bound that it would be put at, the step is cut after all: a filter's corner was to go from 105 to below zero, and to
+    57 Hz.
     """
-    move = gauss_newton_step(here, free)
+    whole = move = gauss_newton_step(here, free)
     held = np.zeros_like(free)
     while np.any(beyond := free & ~held & ((move < least) | (move > most))):
         held |= beyond
         move = gauss_newton_step(here, free & ~held, np.where(held, np.clip(move, least, most), 0.0))
-    return move
+    return _cut(whole, least, most) if np.any(held) and here.promise(move) <= 0 else move
+
+
+def _cut(move: FloatArray, least: FloatArray, most: FloatArray) -> FloatArray:
+    """As much of a step as stays between these, and a little less: at a bound there may be no response."""
+    room = np.where(move < 0, least, most)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        parts = np.where(move != 0, room / move, np.inf)
+    return np.asarray(min(1.0, SHORT * float(np.min(parts, initial=1.0))) * move)
 
 
 def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_], given: FloatArray | None = None) -> FloatArray:

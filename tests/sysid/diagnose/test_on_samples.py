@@ -28,6 +28,11 @@ SEED = 4054550
 WIDTH = 0.00967
 LIMITED, LIMIT = 4076841, 0.23555
 """Another's: commands reach a limit where gusts add to what is imposed, and hardly else; 1.8 times, and unexplained."""
+HALVES = {
+    4301171: ("attitude_stiffness", "servo_deadband"),
+    4301439: ("servo_lag", "servo_deadband"),
+}
+"""Of strangers whose linear half was told as angle_of_attack beside play, and as a lag of each axis."""
 
 
 @pytest.mark.usefixtures("only_effects")
@@ -60,6 +65,42 @@ def test_a_limit_that_the_imposed_commands_hardly_reach_is_told_by_what_it_foret
     monkeypatch.setattr(on_samples, "PROMISES", np.inf)
     without = ask_runs(runs)
     assert (without.verdict, without.chain) == ("unexplained", ())
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    ("seed", "only_effects", "without"),
+    [
+        (4301171, (*HALVES[4301171], "angle_of_attack", "servo_backlash"), "exchange_for_a_tether"),
+        (4301439, (*HALVES[4301439], "lag_per_axis", "servo_backlash"), "exchange_larger"),
+    ],
+    indirect=["only_effects"],
+)
+def test_beside_what_foretells_stands_what_alone_was_hidden_by_another(
+    seed: int, without: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = fitted_runs(fly(seed))
+    assert ask_runs(runs, chains=True).chain == HALVES[seed]
+    monkeypatch.setattr(_Chains, without, lambda *_: None)
+    assert ask_runs(runs, chains=True).chain != HALVES[seed]
+
+
+def test_of_two_that_foretell_the_likelier_is_named_with_no_more_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "_likeliest_in_practice", lambda best, *_: best)
+    monkeypatch.setattr(choice, "_measured_by_samples", lambda _: True)
+    monkeypatch.setattr(Ranked, "own", ())
+    monkeypatch.setattr(Ranked, "names", ("tau_s", "width"))
+    named = ranked("lag_per_axis", chi_squared=800.0)
+    foretelling = ranked("lag_per_axis", "servo_deadband", chi_squared=890.0, foretells=SURELY_FORETELLS + 1)
+    likelier = ranked("servo_lag", "servo_deadband", chi_squared=900.0)
+    assert winner([named], [likelier, foretelling]) is likelier
+    less = replace(likelier, chi_squared=880.0)
+    assert winner([named], [foretelling, less]) is foretelling
+    impossible = replace(likelier, implausible=("tau_s",))
+    assert winner([named], [impossible, foretelling]) is foretelling
+    monkeypatch.setattr(choice, "_measured_by_samples", lambda one: one is not likelier)
+    assert winner([named], [likelier, foretelling]) is foretelling
 
 
 def test_what_foretells_is_named_where_nothing_else_pays_for_its_parameters(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,6 +36,19 @@ def test_a_step_that_would_pass_a_bound_is_the_best_inside(seed: int) -> None:
     assert move == pytest.approx(best, abs=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_a_step_between_narrow_bounds_promises_something(seed: int) -> None:
+    """Each that passes its bound put there, and never let go, had made steps that promised less than none."""
+    rng = np.random.default_rng(seed)
+    common = rng.standard_normal(50)
+    J = np.stack([common + 0.1 * rng.standard_normal(50) for _ in range(4)])
+    here = equations(J, rng.standard_normal(4) @ J)
+    least, most = -rng.uniform(0.01, 1, 4), rng.uniform(0.01, 1, 4)
+    move = bounded_step(here, np.ones(4, dtype=bool), least, most)
+    assert here.promise(move) > 0
+    assert np.all((least <= move) & (move <= most))
+
+
 def test_a_lag_that_is_not_there_ends_at_nothing_and_leaves_the_delay_right() -> None:
     """From too late a beginning the lag's bound used to hold the delay off: worse with the lag than without."""
     flight = records(fly_many("transport_delay", PLANTED["transport_delay"], seeds=[5], duration_s=8.0)[0])
