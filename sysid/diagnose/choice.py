@@ -60,11 +60,10 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     if single is None:
         return pair
     single = _likeliest_in_practice(single, singles)
-    surely = [one for one in pairs if _foretells_surely(one, single)]
-    if surely:
-        foretelling = max(surely, key=lambda one: one.foretells)
-        likelier = [one for one in pairs if _in_its_place(one, foretelling, single)]
-        return min(likelier, key=lambda one: one.delta_bic, default=foretelling)
+    surely = max((one for one in pairs if _foretells_surely(one, single)), key=lambda one: one.foretells, default=None)
+    if surely is not None:
+        instead_of_it = [one for one in pairs if _in_its_place(one, surely, single)]
+        return min(instead_of_it, key=lambda one: one.delta_bic, default=surely)
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
     named = _likeliest_in_practice(pair, pairs, singles)

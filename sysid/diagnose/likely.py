@@ -193,11 +193,12 @@ def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class
 
 
 def _fits(twin: Ranked, chain: Ranked, half: Ranked) -> bool:
-    """Whether values of this half of a chain are plausible ones of its twin, too."""
+    """Whether values of this half of a chain are plausible ones of its twin, too, by their standard errors."""
     assert chain.fit is not None
-    values = [chain.fit.model[name] for effect in half.own for name in effect.names]
+    names = [name for effect in half.own for name in effect.names]
     its = [parameter for effect in twin.own for parameter in effect.parameters]
-    return len(values) == len(its) and not any(map(Parameter.implausible, its, values))
+    values, errors = ([of[name] for name in names] for of in (chain.fit.model, chain.fit.standard_errors))
+    return len(names) == len(its) and not any(map(Parameter.implausible, its, values, errors))
 
 
 def _as_plausible(twin: Ranked, one: Ranked) -> bool:

@@ -240,6 +240,19 @@ def test_of_two_a_simpler_pair_is_told_by_evidence_where_the_common_half_was_not
     assert not choice._explains_as_much(replace(lag, chi_squared=2000.0), servos, ())
 
 
+@pytest.mark.parametrize(("stand", "tried"), [(407.0, True), (300.0, False)])
+def test_a_stand_is_asked_in_the_place_of_what_alone_explains_hardly_more(
+    stand: float, tried: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Play beside a weathercock explained 538 and left 127; beside a stand, the truth, 679 and 32."""
+    search = search_of(alone("sideslip", 411.0), alone("attitude_stiffness", stand, ("L_phi",)))
+    search.found[("servo_backlash", "sideslip")] = alone("", 538.0, (), ("sideslip", "servo_backlash"))
+    fitted: list[tuple[str, str]] = []
+    monkeypatch.setattr(_Chains, "fit", lambda _, one, other, **__: fitted.append((one.effect, other.effect)))
+    search.exchange_for_a_tether()
+    assert fitted == ([("attitude_stiffness", "servo_backlash")] if tried else [])
+
+
 @pytest.mark.parametrize(("twin_s", "told"), [(("zeta",), True), (("corner",), False), ((), True)])
 def test_what_is_one_with_an_entry_of_a_chain_s_class_is_so_however_implausible_both_are_alone(
     twin_s: tuple[str, ...], told: bool, monkeypatch: pytest.MonkeyPatch

@@ -227,11 +227,11 @@ def test_what_is_one_alone_is_one_in_a_chain_too_wherever_its_fit_ended(
     lag, gyro, delay = refitted("servo_lag", 50.0), refitted("gyro_lag", 50.0), refitted("transport_delay", 50.0, 1)
     found = declared(chain, [chain])
     assert likely.with_twins(found, chain, [lag, gyro, delay]).equivalent == told
-    impossible, plausible = replace(gyro, implausible=("tau_g",)), catalogue()["gyro_lag"].parameters[0].plausible
-    for times in (2.0, 0.5):  # alone it took up more than is its own; beside the other half it may be what a twin is
-        at = SimpleNamespace(division=LOGGED.division, model={"tau_s": times * plausible[1]})
-        same = likely.with_twins(found, replace(chain, fit=cast(Candidate, at)), [lag, impossible, delay]).equivalent
-        assert same == (told if times < 1 else {})
+    impossible, most = replace(gyro, implausible=("tau_g",)), catalogue()["gyro_lag"].parameters[0].plausible[1]
+    for off, error in ((2.0, 0.0), (2.0, 0.9), (0.5, 0.0)):  # beside the other half it may be what a twin is
+        at = {"model": {"tau_s": off * most}, "standard_errors": {"tau_s": error * most}}
+        there = replace(chain, fit=cast(Candidate, SimpleNamespace(division=LOGGED.division, **at)))
+        assert likely.with_twins(found, there, [lag, impossible]).equivalent == (told if off < 1 or error else {})
     assert likely.with_twins(declared(lag, [lag]), lag, [lag, gyro]).equivalent == {}, "of a single one fits tell"
 
 
