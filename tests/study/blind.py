@@ -228,7 +228,8 @@ def _strange(case: Case) -> dict[str, Any]:
     except Exception as error:
         return answer | {"failed": f"{type(error).__name__}: {error}"}
     second = None if said.second is None else told(said.second)
-    whole = None if said.whole is None else {name: said.whole.to_json()[name] for name in OF_A_VERDICT}
+    document = None if said.whole is None else said.whole.to_json()
+    whole = None if document is None else {name: document[name] for name in OF_A_VERDICT}
     numbers = {} if fit is None else _numbers("fit", fit.model, fit.covariance)
     asked = {"second": second, "unweighed": whole, "clocks": said.clocks, "seconds": said.seconds}
     return answer | told(said.first) | numbers | asked
