@@ -107,17 +107,15 @@ class Candidate:
         return candidate(self.estimate, self.held, self.dataset.wider, self.added) if self.dataset.in_a_loop else self
 
     def asked_in(self, metric: Whitening) -> Candidate:
-        """`asked`, where innovations are asked moved to where it predicts best: feedback biases what commands alone
-        are fitted to. Worked out once for each metric."""
+        """`asked`, in innovations moved to where it predicts best, for feedback biases fits; once for each metric."""
         if metric not in self._asked_in:
-            self._asked_in[metric] = self._moved_in(metric)
+            moves = linear_dynamics(self.model.structure) and isinstance(metric, Innovations)
+            self._asked_in[metric] = self._moved_in(metric) if moves else self.asked
         return self._asked_in[metric]
 
     def _moved_in(self, metric: Whitening) -> Candidate:
-        here = self.asked
-        if not isinstance(metric, Innovations) or not linear_dynamics(self.model.structure):
-            return here
-        low, high = self.model.structure.bounds
+        assert isinstance(metric, Innovations)
+        here, (low, high) = self.asked, self.model.structure.bounds
         # A step may not lead there. An unstable vehicle can foretell anything that its pilot and controller hold.
         known = metric.model.structure == self.model.structure and metric.model.stable
         if known and (told := here.at(metric.model.values)) is not None:
@@ -145,22 +143,24 @@ class Candidate:
 
     def at(self, values: FloatArray) -> Candidate | None:
         """With other values; None where they have no response."""
-        moved = replace(self.estimate, model=Model(self.model.structure, values))
         try:
             with np.errstate(all="ignore"):
+                moved = replace(self.estimate, model=Model(self.model.structure, values))
                 return candidate(moved, self.held, self.dataset, self.added)
         except (np.linalg.LinAlgError, RelaxationError):
             return None
 
     @cached_property
     def told(self) -> tuple[Model, dict[str, float]]:
-        """The numbers to tell of it and their standard errors, 0 of those held or at a bound: as fitted where the
-        excitation keeps feedback out, else those that foretell best what is new."""
+        """The numbers to tell of it and their standard errors, 0 of those held or at a bound: in a loop those that
+        foretell best what is new; else, and where no move of what is simulated leads there, as fitted."""
         if not self.dataset.in_a_loop:
             return self.model, self.standard_errors
-        there = self.asked_in(self.metric)
-        variances = np.diag(covariance(there, self.metric))
-        errors = np.sqrt(np.maximum(variances, 0.0))  # what is not determined comes out below 0 by rounding
+        metric, linear = self.metric, linear_dynamics(self.model.structure)
+        there = self.asked_in(metric) if linear else self._moved_in(metric)
+        if there is self.asked and not linear:
+            return self.model, self.standard_errors
+        errors = np.sqrt(np.maximum(np.diag(covariance(there, metric)), 0.0))  # not determined: below 0 by rounding
         return there.model, dict(zip(there.model.structure.names, map(float, errors), strict=True))
 
     @cached_property
