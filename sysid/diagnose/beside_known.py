@@ -20,7 +20,7 @@ from sysid.model.acting import linear_dynamics
 from sysid.model.effect import Effect
 
 FORETELLS = 45.0
-"""Chi squared that it foretells more at least. (Beside right names of 80 strangers that hid one effect, asked again with
+"""Chi squared that it foretells more at least. (Beside right names of 80 strangers that hid one effect, asked anew with
 it, the likeliest second of few points foretold 42 more, but for one that explained no more than chance does; of the
 missed halves of seven strangers that hid two three foretold 83 to 697.)"""
 
