@@ -149,7 +149,7 @@ def test_a_narrow_mode_far_below_the_gusts_is_fitted_by_the_noise(monkeypatch: p
     frequency_hz = flown.hidden.sizes[0]["frequency_lag"]
     assert found.winner.values["frequency_lag"] == pytest.approx(frequency_hz, rel=0.01)
     monkeypatch.setattr(refits, "by_the_noise", lambda *_: None)
-    assert asked(LAGGING_BLADES).effect == "gyro_filter"
+    assert asked(LAGGING_BLADES).chain == ("gyro_filter",)
 
 
 @pytest.mark.thorough
