@@ -186,8 +186,13 @@ def _avoidable(best: Candidate, parent: Candidate) -> float:
 
 def _worth_simulating(asked: Sequence[Ranked]) -> Iterator[tuple[Ranked, Score]]:
     for one in asked:
-        if one.score is not None and not _quick(one) and one.score.log_p_there <= WORTH_THE_TIME:
+        if one.score is not None and not _quick(one) and worth_the_time(one):
             yield one, one.score
+
+
+def worth_the_time(one: Ranked) -> bool:
+    """Whether noise alone seldom shows as much as its score at its best point."""
+    return one.score is not None and one.score.log_p_there <= WORTH_THE_TIME
 
 
 def _share(one: Ranked, top: float) -> float:

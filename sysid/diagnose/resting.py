@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from sysid.diagnose.candidates import Ranked, explained_by, of_all_questions
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.progress import Asking, Listener, Stage
-from sysid.diagnose.refits import WORTH_THE_TIME, refitted
+from sysid.diagnose.refits import refitted, worth_the_time
 from sysid.diagnose.score import log_chance
 from sysid.model.effect import Effect, named_effect
 
@@ -27,13 +27,7 @@ def chance_of_rest(asked: Sequence[Ranked], parent: Candidate, users: Sequence[E
     score makes one worth its time, or feedback makes powers."""
     if not parent.division.measured:
         return 0.0
-    faint = [
-        one
-        for one in asked
-        if one.score is not None
-        and one.score.log_p_there <= WORTH_THE_TIME
-        and named_effect(one.effect, users).rests_within is not None
-    ]
+    faint = [one for one in asked if worth_the_time(one) and named_effect(one.effect, users).rests_within is not None]
     found = 0.0
     for number, one in enumerate(faint, 1):
         say(Asking(stage=Stage.REFITS, effects=one.effects, number=number, of=len(faint)))
