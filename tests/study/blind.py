@@ -65,8 +65,8 @@ QUOTAS: Mapping[tuple[str, bool], int] = {
     ("none", False): 600,
     ("catalogue", True): 370,
     ("catalogue", False): 360,
-    ("beyond", True): 160,
-    ("beyond", False): 60,
+    ("beyond", True): 185,
+    ("beyond", False): 70,
     ("two", True): 50,
     ("two", False): 20,
 }
