@@ -50,7 +50,7 @@ from sysid.diagnose.refits import refit_or_reason, refit_serious
 from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, Term, search, select
-from sysid.diagnose.thinned import TakenAs, as_held, by_a_usual_loop, telling
+from sysid.diagnose.thinned import TakenAs, as_held, by_a_usual_loop, noise_folded, telling
 from sysid.diagnose.unsearched import BudgetSpent
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
@@ -297,6 +297,8 @@ def _beyond_the_catalogue(
         chance = min(chance, of_all_questions(mode.log_p, parent.division))
         if chance < SIGNIFICANT:
             return chance, mode.chi_squared
+    if parent.division.measured and noise_folded(parent.dataset):
+        return chance, 0.0
     say(Asking(stage=Stage.TERMS))
     simple = search(asked_of, stepped, parent.metric, most=1)
     return min([chance, *(of_all_questions(one.log_p_surely, parent.division) for one in simple)]), 0.0

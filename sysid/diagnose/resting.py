@@ -11,6 +11,7 @@ from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.refits import refitted, worth_the_time
 from sysid.diagnose.score import log_chance
+from sysid.diagnose.thinned import noise_folded
 from sysid.model.effect import Effect, named_effect
 
 SIZES = 50
@@ -25,7 +26,7 @@ be detected.)"""
 def chance_of_rest(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Listener) -> float:
     """Chance, a logarithm, that noise alone shows as much as the best refit of what a servo rests within; 0 where no
     score makes one worth its time, or feedback makes powers."""
-    if not parent.division.measured:
+    if not parent.division.measured or noise_folded(parent.dataset):
         return 0.0
     faint = [one for one in asked if worth_the_time(one) and named_effect(one.effect, users).rests_within is not None]
     found = 0.0

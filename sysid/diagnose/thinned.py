@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import SLOW_S, Spectrum, held_s, lost_commands
+from sysid.data.preprocess import SLOW_S, Piece, Spectrum, held_s, lost_commands
 from sysid.data.record import CYCLIC
 from sysid.diagnose.evidence import Candidate
 from sysid.fit.check_kinds import CommandsThinned
@@ -32,6 +32,9 @@ neglected: doublets at 50 Hz had 0.025 to 0.07, and left 20 to 35 % of their ans
 chirps 0.002 and less. At 125 of 250 Hz doublets had 0.0076 and 0.01, and left more than ten times their noise."""
 NEAR_THE_END = 0.8
 """Of half the rate: so far is just below."""
+FEW_KEPT = 4.5
+"""Commands for one in the log, beyond which that is so: two clean flights of 640 with noise and lost samples were
+alarms, at log10 p -7.6 and -8.7, of 5 and of 8; four that hid something showed it at -4.5 to -10.9, of 2 and of 4."""
 USUAL_LOOP_S = 1 / 400
 """How long a loop holds commands that nobody told of;"""
 LIKELY_LOOPS_S = 5e-4
@@ -92,6 +95,18 @@ def noise_lost(runs: Dataset) -> bool:
     """Whether noise was flown with chirps whose every sample the log has not: what it did between those that are there,
     nobody knows, and what of it folds back the vehicle never got."""
     return samples_lost(runs) and any(piece.record.chirp_noise for piece in runs.pieces)
+
+
+def noise_folded(runs: Dataset) -> bool:
+    """Whether most of that noise in a log is what folded back, more than three times what was flown there: what small
+    commands seem to do by such a log is no evidence."""
+    return noise_lost(runs) and any(piece.record.chirp_noise and _given(piece) > FEW_KEPT for piece in runs.pieces)
+
+
+def _given(piece: Piece) -> float:
+    """Commands that the loop gave for one that the log has; a usual loop, where that is not known."""
+    loop_s = USUAL_LOOP_S if piece.record.loop_dt_s is None else held_s(piece.dt, piece.record)
+    return piece.dt / loop_s
 
 
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:

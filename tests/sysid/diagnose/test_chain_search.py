@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from sysid.diagnose import chains, fitted_chains, refits
+from sysid.diagnose import chains, exchanged_halves, fitted_chains, refits
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.score import Score
 from sysid.diagnose.unsearched import BudgetSpent, MuchLeft
@@ -86,7 +86,7 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     left: float, measured: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[str] = []
-    bar, lag = alone("stabiliser_bar", 320.0), alone("servo_lag", 180.0)
+    bar, lag = alone("stabiliser_bar", 320.0), alone("servo_lag", 90.0)
     search = search_of(False, bar, lag, measured=measured)
 
     def begin(_: object, one: Ranked) -> bool:
@@ -99,6 +99,7 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     monkeypatch.setattr(chains._Chains, "begin_with", begin)
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: left == 0)
     monkeypatch.setattr(chains._Chains, "fitted_alone", lambda *_: None)
+    monkeypatch.setattr(chains._Chains, "ask_beside", lambda *_: None)
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: begun.append("exchanged"))
     monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})
     assert search.search([bar, lag])
@@ -210,7 +211,7 @@ def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monk
     lags = [scored("gyro_filter", 592.0), scored("gyro_lag", 574.0), scored("servo_rate_limit", 428.0)]
     search.seconds["attitude_stiffness"] = lags
     monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
-    monkeypatch.setattr(chains, "do_else", lambda *_: False)
+    monkeypatch.setattr(exchanged_halves, "do_else", lambda *_: False)
     monkeypatch.setattr(fitted_chains, "twins", lambda *_: False)
     names = [one.effect for one in search.like_beside("attitude_stiffness", "gyro_filter")]
     assert names == ["gyro_filter", "gyro_lag"]
@@ -266,7 +267,7 @@ def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatc
     damping, hub = alone("angular_damping", 500.0), alone("hub_gyroscopics", 600.0)
     search = search_of(False, gyro, servo, damping, hub)
     late = (gyro, servo)
-    monkeypatch.setattr(chains, "do_else", lambda one, other: (one in late) != (other in late))
+    monkeypatch.setattr(exchanged_halves, "do_else", lambda one, other: (one in late) != (other in late))
     monkeypatch.setattr(fitted_chains, "twins", lambda one, other: one in late and other in late)
     found = {
         ("gyro_lag", "hub_gyroscopics"): 2826.0,
@@ -279,7 +280,7 @@ def test_halves_of_a_chain_that_came_of_an_exchange_are_exchanged_too(monkeypatc
 def test_a_dead_band_is_asked_where_play_is_half_of_the_best_chain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a filter both scored little, and play was never held against a dead band that explained more."""
     search = search_of(False, alone("gyro_filter", 979.0), alone("transport_delay", 975.0))
-    monkeypatch.setattr(chains, "do_else", lambda *_: True)
+    monkeypatch.setattr(exchanged_halves, "do_else", lambda *_: True)
     found = {("gyro_filter", "servo_backlash"): 1032.0, ("gyro_filter", "servo_deadband"): 1073.0}
     assert set(exchanged(search, found, monkeypatch).effects) == {"gyro_filter", "servo_deadband"}
     assert not search.rests_as("servo_rate_limit"), "a limit is none of the two"
@@ -320,7 +321,7 @@ def test_what_promised_as_much_and_was_not_fitted_alone_takes_a_half_s_place(mon
         return alone(one.effect, 504.0)
 
     monkeypatch.setattr(chains._Chains, "fitted_alone", fitted_alone)
-    monkeypatch.setattr(chains, "do_else", lambda *_: True)
+    monkeypatch.setattr(exchanged_halves, "do_else", lambda *_: True)
     found = {("servo_saturation", "angular_damping"): 946.0, ("quadratic_damping", "servo_saturation"): 1022.0}
     assert set(exchanged(search, found, monkeypatch).effects) == {"quadratic_damping", "servo_saturation"}
     assert set(fitted) == {"quadratic_damping"}, "what promised less is not asked"

@@ -10,7 +10,7 @@ import pytest
 from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
-from sysid.diagnose import chains, choice, fitted_chains, likely, refits
+from sysid.diagnose import choice, exchanged_halves, fitted_chains, likely, refits
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import _Chains
 from sysid.diagnose.fitted_chains import DEAR, OPPOSED
@@ -96,7 +96,7 @@ def test_plausible_effects_take_the_place_of_a_doubtful_half(
 
     monkeypatch.setattr(_Chains, "fit", fit)
     monkeypatch.setattr(_Chains, "price_of", lambda _, one, __: prices.get(one.effect, 2.0))
-    monkeypatch.setattr(chains, "do_else", lambda one, other: "gyro_lag" not in (one.effect, other.effect))
+    monkeypatch.setattr(exchanged_halves, "do_else", lambda one, other: "gyro_lag" not in (one.effect, other.effect))
     monkeypatch.setattr(fitted_chains, "twins", lambda *_: False)
     best = alone("", 2476.0, outside, ("slipstream_wing", "transport_delay"))
     search.found["slipstream_wing", "transport_delay"] = best

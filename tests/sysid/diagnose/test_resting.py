@@ -24,6 +24,10 @@ SEED = 4034426
 """A training one's: a dead band of 0.0089, 1.3 times what is just detectable, in chirps of 9 s."""
 CLEAN = 4067053
 """A vehicle that nothing rests in, every second sample of 400 Hz."""
+FOLDED = 4094788
+"""Another, logged at 50 of 250 Hz, and noise flown with the chirps;"""
+WITH_A_TERM = 4094759
+"""and at 50 of 400 Hz: products of one command and the other's magnitude showed at log10 p -8.7."""
 RESTING = ("servo_deadband", "servo_backlash")
 
 
@@ -45,7 +49,12 @@ def scored(name: str, chi_squared: float) -> Ranked:
 
 
 def parent(measured: bool = True, error_share: float = 0.01) -> Any:
-    return SimpleNamespace(division=SimpleNamespace(measured=measured), error_share=error_share, metric=None)
+    return SimpleNamespace(
+        division=SimpleNamespace(measured=measured),
+        error_share=error_share,
+        metric=None,
+        dataset=SimpleNamespace(pieces=(), records=()),
+    )
 
 
 def test_only_what_is_faint_and_rests_is_refitted_and_told_by_what_it_explains(
@@ -85,3 +94,23 @@ def test_what_hardly_follows_the_samples_of_a_log_that_lost_some_is_chance(monke
     assert ask_runs(runs).verdict == "complete"
     monkeypatch.setattr(resting, "LEAST", 0.01)
     assert ask_runs(runs).verdict == "missing"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
+def test_noise_that_mostly_folded_back_makes_nothing_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Logged at 50 of 250 Hz a clean vehicle had chi squared of 43 for a dead band, by all of what its log shows."""
+    runs = fitted_runs(fly(FOLDED))
+    assert ask_runs(runs).verdict == "complete"
+    monkeypatch.setattr(resting, "noise_folded", lambda _: False)
+    assert ask_runs(runs).verdict == "unexplained"
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
+def test_nor_is_a_simple_term_of_such_commands_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = fitted_runs(fly(WITH_A_TERM))
+    assert ask_runs(runs).verdict == "complete"
+    monkeypatch.setattr(asking, "noise_folded", lambda _: False)
+    assert ask_runs(runs).verdict == "unexplained"
