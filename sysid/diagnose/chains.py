@@ -43,7 +43,7 @@ left is told less well: there a limit beside a hub was found that had less."""
 HOPELESS = 0.5
 """The same of the effect that promises most beside it, below which no other is tried beside it: of 24 right chains of
 two the least explained 0.59 by then, and 22 of 70 others less than half. Nor is anything put in a doubtful half's place
-there."""
+there, or beside another effect."""
 NEARLY_ALL = 0.9
 """Of the chi squared that there is, that an effect and what scores most beside it promise together for others to be
 looked for all the same, beside it: in four searches that gave up with the right chain of two not fitted 1.03 to 1.1; of
@@ -171,10 +171,11 @@ class _Chains(ExchangedHalves):
     def goes_on(self, done: set[str], waiting: Sequence[Ranked], hopeful: float) -> bool:
         """Whether the best chain explains so much that others are looked for: if not that from the first effect, then
         what may stand in its halves' places, or what promises nearly all beside another."""
-        if HOPELESS <= _explained(self.best) < hopeful:
-            self.exchange_resting()
-            self.exchange_doubtful()
-            self.exchange_for_a_tether()
+        if not HOPELESS <= _explained(self.best) < hopeful:
+            return _explained(self.best) >= hopeful
+        self.exchange_resting()
+        self.exchange_doubtful()
+        self.exchange_for_a_tether()
         if _explained(self.best) < hopeful:
             promising = self.promising_nearly_all([*self.halves_of_the_best(done), *waiting])
             for first in promising:

@@ -17,7 +17,7 @@ from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
 from sysid.diagnose.steep import Steep, steep
-from sysid.diagnose.thinned import rows_that_tell_sizes
+from sysid.diagnose.thinned import rows_that_tell_commands, rows_that_tell_sizes
 from sysid.fit.bursts import Envelope
 from sysid.fit.innovations import Innovations
 from sysid.fit.whitening import Whitening
@@ -273,7 +273,8 @@ class _Question:
         chi_squared, degrees = along(Z, residual)
         if log_chance(chi_squared, degrees) > WORTH_A_LOOK:
             return chi_squared, degrees, math.inf, math.inf
-        told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
+        tell = rows_that_tell_commands if self.effect.samples is None else rows_that_tell_sizes
+        told = tell(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
         envelope = self.stepped.envelope_beside(Z, self.whitening)
         noises: list[Envelope | Steep] = [envelope] if envelope.rough else []

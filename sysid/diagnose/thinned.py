@@ -26,6 +26,9 @@ SAMPLES_OF_A_PERIOD = 20.0
 samples, too, and what is small seems to be answered less than what is large, as in play. Clean flights of small
 helicopters logged at 50 Hz showed play, or a term, at up to log10 p -18 by all commands, and -3 by these; one logged
 at 100 Hz -7 by those with 12, and -2 by these."""
+FEW_SAMPLES = 6.0
+"""The same to tell what they did at all: on a clean flight of a strong loop that was logged at 50 of 250 Hz a mode of
+five samples showed at log10 p -7.9; those that were there had seven and more."""
 FOLDED = 0.004
 """Of a command's power in the band, just below half the log's rate, from which on what folds back from beyond cannot be
 neglected: doublets at 50 Hz had 0.025 to 0.07, and left 20 to 35 % of their answer unexplained by the truth itself;
@@ -112,11 +115,21 @@ def _given(piece: Piece) -> float:
 def rows_that_tell_sizes(whitening: Whitening) -> FloatArray | None:
     """1 for rows (N,) at whose frequencies the log shows how large small commands are, else 0; None where it has every
     loop."""
+    return _rows_of(whitening, SAMPLES_OF_A_PERIOD)
+
+
+def rows_that_tell_commands(whitening: Whitening) -> FloatArray | None:
+    """The same of what commands did between its samples."""
+    return _rows_of(whitening, FEW_SAMPLES)
+
+
+def _rows_of(whitening: Whitening, samples: float) -> FloatArray | None:
+    """1 for rows (N,) of whose periods a log that lost commands has so many samples, else 0; None where none did."""
     if not any(group.thinned_log for group in whitening.stacks):
         return None
     parts = []
     for group in whitening.stacks:
-        told = (not group.thinned_log) | (group.frequency_hz * group.dt * SAMPLES_OF_A_PERIOD <= 1)
+        told = (not group.thinned_log) | (group.frequency_hz * group.dt * samples <= 1)
         parts += [np.tile(np.repeat(told[part], 2), len(group.Y)) for part in group.slices]
     return np.concatenate(parts).astype(float)
 
