@@ -51,6 +51,7 @@ class ExchangedHalves(FittedChains):
     def exchange_larger(self) -> None:
         """Put what a half contains in its place, in the likeliest chains, where that is cheap: a lag of each axis with
         a hub explained a hair more than a lag of all with a damping, which no exchange of one half alone came to."""
+        self.left, self.kept_back = self.left + self.kept_back, 0.0
         near = [one for one in self.found.values() if one.delta_bic < self.best.delta_bic + SAME]
         for chain in sorted(near, key=rank):
             for half, other in (chain.effects, chain.effects[::-1]):

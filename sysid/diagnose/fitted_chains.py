@@ -22,6 +22,8 @@ from sysid.model.structure import Model, Structure
 BUDGET = 300.0
 """Base fits that all chains of one diagnosis may cost (right ones had taken 22 to 156 when they were found, but what
 stands in a half's place is exchanged at the end: with 200 a lag beside play was told as servos), by these prices:"""
+KEPT_BACK = 50.0
+"""beside that, for what a half of the best chain contains: it is cheap, and last;"""
 DEAREST = 100.0
 """of one refit at most: a mode of four numbers, looked for beside a damping in time, took all of it and ten minutes;"""
 ASKED = 20.0
@@ -51,6 +53,7 @@ class FittedChains:
     ) -> None:
         self.reference, self.say = reference, say
         self.budget = self.left = BUDGET if budget is None else budget
+        self.kept_back = KEPT_BACK if budget is None else 0.0
         self.tried = 0
         self.answered = answered
         self.scored = {one.effect: one.score for one in singles if one.score is not None and one.not_testable is None}

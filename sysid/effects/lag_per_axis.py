@@ -1,7 +1,7 @@
 """A first-order lag of its own behind each cyclic command.
 
 Roll and pitch are moved by servos of two makes or loads, or by linkages of two lengths. With both constants alike this
-is `servo_lag`, on a multirotor `motor_lag`, and is that by name then.
+is `servo_lag`, on a multirotor `motor_lag`, and is that by name then; behind play it is `gyro_lag`.
 """
 
 from __future__ import annotations
@@ -52,6 +52,6 @@ EFFECT = Effect(
     order=4,
     equations=equations,
     states=("lag_x", "lag_y"),
-    contains=("servo_lag", "motor_lag"),
+    contains=("servo_lag", "motor_lag", "gyro_lag"),
     null_tolerance=1e-6,
 )

@@ -9,9 +9,10 @@ import pytest
 from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
-from sysid.diagnose import chains
+from sysid.diagnose import chains, exchanged_halves
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import _Chains
+from sysid.diagnose.fitted_chains import KEPT_BACK
 from sysid.diagnose.score import Score
 from sysid.diagnose.unsearched import MuchLeft
 
@@ -26,7 +27,7 @@ def scored(name: str, chi_squared: float) -> Ranked:
 
 def fitted(effects: tuple[str, ...], chi_squared: float) -> Ranked:
     one = SimpleNamespace(
-        effects=effects, effect=effects[0], chi_squared=chi_squared, delta_bic=-chi_squared, implausible=()
+        effects=effects, effect=effects[0], chi_squared=chi_squared, delta_bic=-chi_squared, implausible=(), fit=True
     )
     return cast("Ranked", one)
 
@@ -56,7 +57,7 @@ def test_what_promises_nearly_all_with_the_best_beside_it_is_begun_with(
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize(
     "only_effects",
-    [("speed_stability", "dynamic_inflow", "servo_deadband", "servo_backlash", "transport_delay")],
+    [("speed_stability", "dynamic_inflow", "servo_deadband", "servo_backlash", "attitude_stiffness")],
     indirect=True,
 )
 def test_a_dead_band_is_found_beside_an_inflow_though_a_drift_explains_more_alone(
@@ -71,3 +72,23 @@ def test_a_dead_band_is_found_beside_an_inflow_though_a_drift_explains_more_alon
     without = ask_runs(runs, chains=True)
     assert without.verdict == "unexplained"
     assert isinstance(without.unsearched, MuchLeft)
+
+
+def test_for_what_a_half_contains_some_of_the_budget_is_kept_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside play a lag of each axis had two that were the same, and the budget was spent before that of all."""
+    asked: list[tuple[str, str]] = []
+    lag, play = fitted(("gyro_lag",), 90.0), fitted(("servo_backlash",), 80.0)
+    chain = fitted(("lag_per_axis", "servo_backlash"), 170.0)
+    monkeypatch.setattr(exchanged_halves, "rank", lambda _: 0)
+    search: _Chains = search_with(
+        found={chain.effects: chain},
+        single={"gyro_lag": lag, "servo_backlash": play},
+        left=0.0,
+        kept_back=KEPT_BACK,
+        price_of=lambda *_: 20.0,
+        fit=lambda one, other, exchanged: asked.append((one.effect, other.effect)) if search.paid(20.0) else None,
+    )
+    search.exchange_larger()
+    assert asked == [("gyro_lag", "servo_backlash")]
+    assert search.left == KEPT_BACK - 20.0
+    assert search.kept_back == 0.0
