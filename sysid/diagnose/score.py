@@ -273,8 +273,7 @@ class _Question:
         chi_squared, degrees = along(Z, residual)
         if log_chance(chi_squared, degrees) > WORTH_A_LOOK:
             return chi_squared, degrees, math.inf, math.inf
-        tell = rows_that_tell_commands if self.effect.samples is None else rows_that_tell_sizes
-        told = tell(self.whitening)
+        told = self._rows_that_tell()
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
         envelope = self.stepped.envelope_beside(Z, self.whitening)
         noises: list[Envelope | Steep] = [envelope] if envelope.rough else []
@@ -283,6 +282,13 @@ class _Question:
         for noise in noises:
             at_least = min(at_least, noise.surely(*along(Z, residual, noise.gram(Z)), Z))
         return chi_squared, degrees, at_least, in_bursts(Z, residual, envelope) if sized else math.inf
+
+    def _rows_that_tell(self) -> FloatArray | None:
+        """1 for rows (N,) at whose frequencies a log that lost commands tells what this effect makes of them, else 0;
+        None where all do. What loops make by such a log where no excitation is logged is asked elsewhere."""
+        if self.effect.samples is not None:
+            return rows_that_tell_sizes(self.whitening)
+        return None if isinstance(self.whitening, Innovations) else rows_that_tell_commands(self.whitening)
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]
