@@ -17,8 +17,8 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.choice import both_surely
 from sysid.diagnose.evidence import Candidate
-from sysid.diagnose.exchanged_halves import SECONDS, ExchangedHalves, as_much, unasked
-from sysid.diagnose.fitted_chains import ASKED, DEAR, names_of
+from sysid.diagnose.exchanged_halves import ExchangedHalves, as_much, unasked
+from sysid.diagnose.fitted_chains import ASKED, DEAR, SECONDS, names_of
 from sysid.diagnose.left_by_one import MUCH_BY_NOISE, harmless, left_by_noise, points_left, share_left
 from sysid.diagnose.likely import do_else, impossible, misfit
 from sysid.diagnose.loop_change import Limit
@@ -171,19 +171,22 @@ class _Chains(ExchangedHalves):
     def goes_on(self, done: set[str], waiting: Sequence[Ranked], hopeful: float) -> bool:
         """Whether the best chain explains so much that others are looked for: if not that from the first effect, then
         what may stand in its halves' places, or what promises nearly all beside another."""
-        if not HOPELESS <= _explained(self.best) < hopeful:
-            return _explained(self.best) >= hopeful
-        self.exchange_resting()
-        self.exchange_doubtful()
-        self.exchange_for_a_tether()
-        if _explained(self.best) < hopeful:
-            promising = self.promising_nearly_all([*self.halves_of_the_best(done), *waiting])
-            for first in promising:
-                self.begin_with(first)
-                done.add(first.effect)
-            if promising and _explained(self.best) < hopeful:
-                self.exchange_halves()
+        if HOPELESS <= _explained(self.best) < hopeful:
+            self.exchange_resting()
+            self.exchange_doubtful()
+            self.exchange_for_a_tether()
+            if _explained(self.best) < hopeful:
+                self.begin_with_promising([*self.halves_of_the_best(done), *waiting], done, hopeful)
         return _explained(self.best) >= hopeful
+
+    def begin_with_promising(self, firsts: Sequence[Ranked], done: set[str], hopeful: float) -> None:
+        """Begin with those of them that promise nearly all; exchange halves where what is found is not yet hopeful."""
+        promising = self.promising_nearly_all(firsts)
+        for first in promising:
+            self.begin_with(first)
+            done.add(first.effect)
+        if promising and _explained(self.best) < hopeful:
+            self.exchange_halves()
 
     def promising_nearly_all(self, firsts: Sequence[Ranked]) -> list[Ranked]:
         """Of these the ones that, with what scores most beside them, promise nearly all that there is; the most
@@ -191,7 +194,7 @@ class _Chains(ExchangedHalves):
         whole = self.best.chi_squared + misfit(self.best)
         promised: dict[str, float] = {}
         for first in firsts:
-            asked = self.seconds.get(first.effect) or self.ask_beside(first) or ()
+            asked = self.ask_beside(first) or ()
             most = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
             promised[first.effect] = first.chi_squared + most
         able = {one.effect: one for one in firsts if promised[one.effect] >= NEARLY_ALL * whole}
@@ -211,7 +214,7 @@ class _Chains(ExchangedHalves):
             return self.foretold_beside(named)
         if not linear_dynamics(named.fit.model.structure) or misfit(named) < LEFT_BESIDE:
             return False
-        asked = self.seconds.get(named.effect) or self.ask_beside(named) or ()
+        asked = self.ask_beside(named) or ()
         for second in self.without_twins(self.able_beside(named.fit, asked))[:SECONDS]:
             if second.score is not None and second.score.chi_squared >= SURELY_BESIDE:
                 self.fit(named, second)
@@ -263,7 +266,7 @@ class _Chains(ExchangedHalves):
 
     def begin_with(self, first: Ranked) -> bool:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
-        begun, asked = first.fit, self.seconds.get(first.effect) or self.ask_beside(first)
+        begun, asked = first.fit, self.ask_beside(first)
         assert begun is not None
         assert first.stepped is not None
         if asked is None:

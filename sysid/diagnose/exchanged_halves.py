@@ -6,14 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, rank
-from sysid.diagnose.fitted_chains import DEAR, FittedChains
+from sysid.diagnose.fitted_chains import DEAR, SECONDS, FittedChains
 from sysid.diagnose.likely import ALIKE, SAME, do_else, doubtful, impossible
 from sysid.diagnose.refits import PRICES
 from sysid.model.acting import linear_dynamics
 from sysid.model.effect import catalogue, tied
 
-SECONDS = 4
-"""How many effects are refitted on each of them."""
 NEARLY_AS_MUCH = 0.8
 """Of the chi squared of the likeliest effect, where that is not plausible, that a plausible one explains which chains
 are begun with instead: of 35 strangers that hid two, 13 had a half in that one, and 5 in the likeliest, two of them a

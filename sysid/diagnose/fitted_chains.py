@@ -28,6 +28,8 @@ DEAREST = 100.0
 """of one refit at most: a mode of four numbers, looked for beside a damping in time, took all of it and ten minutes;"""
 ASKED = 20.0
 """of the catalogue's scores on one first effect;"""
+SECONDS = 4
+"""How many second effects are fitted beside each first one, or in the place of a half."""
 LOOKS = {"linear": 0.6, "samples": 2.0, "in time": 15.0}
 """of a look at each beginning before a refit, by what has to be simulated, beside PRICES of that."""
 OPPOSED = 2
@@ -96,9 +98,11 @@ class FittedChains:
         return min(self.found.values(), key=lambda one: one.delta_bic)
 
     def ask_beside(self, first: Ranked) -> Sequence[Ranked] | None:
-        """What promises most beside an effect first; None where the budget, or who waits, has no time to ask."""
+        """What promises most beside an effect first, asked once; None where the budget, or who waits, has no time."""
         assert first.fit is not None
         assert first.stepped is not None
+        if first.effect in self.seconds:
+            return self.seconds[first.effect]
         if not self.paid(ASKED):
             self.not_asked[first.effect] = None
             return None

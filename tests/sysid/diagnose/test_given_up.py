@@ -47,9 +47,7 @@ def test_what_promises_nearly_all_with_the_best_beside_it_is_begun_with(
     asked = {"governor": [scored("servo_lag", scores[0])], "lead_lag": [scored("servo_lag", scores[1])]}
     monkeypatch.setattr(chains, "misfit", lambda _: 30.0)
     best = fitted(("stabiliser_bar", "servo_lag"), 70.0)
-    search = search_with(
-        found={best.effects: best}, seconds={"governor": asked["governor"]}, ask_beside=lambda one: asked[one.effect]
-    )
+    search = search_with(found={best.effects: best}, ask_beside=lambda one: asked[one.effect])
     assert [one.effect for one in search.promising_nearly_all([one, other])] == found
 
 

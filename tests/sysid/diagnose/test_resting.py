@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -53,7 +53,7 @@ def parent(measured: bool = True, error_share: float = 0.01) -> Any:
         division=SimpleNamespace(measured=measured),
         error_share=error_share,
         metric=None,
-        dataset=SimpleNamespace(pieces=(), records=()),
+        dataset=SimpleNamespace(pieces=()),
     )
 
 
@@ -98,19 +98,14 @@ def test_what_hardly_follows_the_samples_of_a_log_that_lost_some_is_chance(monke
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
-def test_noise_that_mostly_folded_back_makes_nothing_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("seed", "asks"), [(FOLDED, resting), pytest.param(WITH_A_TERM, asking, marks=pytest.mark.thorough)]
+)
+def test_noise_that_mostly_folded_back_is_neither_rest_nor_a_simple_term(
+    seed: int, asks: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Logged at 50 of 250 Hz a clean vehicle had chi squared of 43 for a dead band, by all of what its log shows."""
-    runs = fitted_runs(fly(FOLDED))
+    runs = fitted_runs(fly(seed))
     assert ask_runs(runs).verdict == "complete"
-    monkeypatch.setattr(resting, "noise_folded", lambda _: False)
-    assert ask_runs(runs).verdict == "unexplained"
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [RESTING], indirect=True)
-def test_nor_is_a_simple_term_of_such_commands_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = fitted_runs(fly(WITH_A_TERM))
-    assert ask_runs(runs).verdict == "complete"
-    monkeypatch.setattr(asking, "noise_folded", lambda _: False)
+    monkeypatch.setattr(asks, "noise_folded", lambda _: False)
     assert ask_runs(runs).verdict == "unexplained"
