@@ -6,9 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from sysid.diagnose.candidates import Ranked, Reference, composed_with, ranked
 from sysid.diagnose.likely import SAME
-from sysid.diagnose.refits import begun_at
+from sysid.diagnose.refits import begun_at, refit_or_reason
 from sysid.errors import FitError
 from sysid.model.effect import Effect, EffectError, named_effect
 from sysid.model.parameter import Parameter
@@ -16,6 +18,11 @@ from sysid.model.structure import Model, Structure
 
 INWARDS = 0.01
 """Of the way from a bound to what is typical, that a value begins inside of it: a bound may have no response."""
+
+RAMP = 1001
+"""Samples of a steady command, by which what rests is compared."""
+RAMP_RESTS = 0.05
+"""Of it, what servos rest within there."""
 
 
 def levelled(
@@ -51,6 +58,63 @@ def _from_there(chain: Ranked, best: Ranked, other: Ranked, reference: Reference
         return None
     again = begun_at(chain.fit, reference.parent, _beginning(structure, best, other).by_name)
     return None if again is None else ranked(replace(chain, fit=again), reference)
+
+
+def rested_otherwise(
+    best: Ranked, chains: Mapping[tuple[str, ...], Ranked], reference: Reference
+) -> dict[tuple[str, ...], Ranked]:
+    """Of the best of these chains and those with play for its dead band, or the other way round, those that are
+    likelier from where that one ended.
+
+    Each has valleys of its own beside another effect. (A dead band of 3.2 mrad beside a damping had stayed at 5, and
+    play was told for it, whose way was 1.6 to either side.)
+    """
+    found: dict[tuple[str, ...], Ranked] = {}
+    for names, chain in chains.items():
+        resting = _rest_apart(chain, best, reference.users)
+        if resting is None:
+            continue
+        of_best = tuple(sorted(best.effects))
+        for key, one, there, ways in ((names, chain, best, resting), (of_best, best, chain, resting[::-1])):
+            again = _resting_as(one, there, ways, reference)
+            found |= {} if again is None else {key: again}
+    return found
+
+
+def _rest_apart(one: Ranked, other: Ranked, users: Sequence[Effect]) -> tuple[Effect, Effect] | None:
+    """The half of each that the other has not, where both rest and all else is the same."""
+    apart = [sorted(set(here.effects) - set(there.effects)) for here, there in ((one, other), (other, one))]
+    if [len(names) for names in apart] != [1, 1]:
+        return None
+    own, others = (named_effect(names[0], users) for names in apart)
+    return None if own.rests_within is None or others.rests_within is None else (own, others)
+
+
+def _resting_as(one: Ranked, there: Ranked, resting: tuple[Effect, Effect], reference: Reference) -> Ranked | None:
+    """A chain fitted once more from where another one ended, whose servos rest otherwise, at what stays as far behind;
+    None where it is no likelier."""
+    own, others = resting
+    assert one.fit is not None
+    assert there.fit is not None
+    assert own.rests_within is not None
+    assert others.rests_within is not None
+    model, known = one.fit.model, there.fit.model.by_name
+    here, behind = _stays_behind(own), _stays_behind(others)
+    times = behind / here if min(here, behind) > 0 else 1.0
+    near = _at(model.structure, {**known, own.rests_within: times * known[others.rests_within]})
+    fit, _ = refit_or_reason(model.structure, reference.parent, one.fit.added, near)
+    again = one if fit is None else ranked(replace(one, fit=fit), reference)
+    return again if again.delta_bic < one.delta_bic else None
+
+
+def _stays_behind(resting: Effect) -> float:
+    """How far servos that rest stay behind a steady command in the mean, of what they rest within."""
+    assert resting.samples is not None
+    assert resting.rests_within is not None
+    values = {one.name: one.null or 0.0 for one in resting.parameters} | {resting.rests_within: RAMP_RESTS}
+    ramp = np.linspace(0.0, 1.0, RAMP)[np.newaxis]
+    acting = resting.samples(ramp, 1.0, values)
+    return float(np.mean(ramp) - np.mean(acting)) / RAMP_RESTS
 
 
 def near_another(
@@ -98,7 +162,11 @@ def _beginning_beside(
 def _beginning(structure: Structure, chain: Ranked, other: Ranked) -> Model:
     """A chain's values, and those of what takes the place of a half as it is alone."""
     assert chain.fit is not None
-    known = {**other.values, **chain.fit.model.by_name}
+    return _at(structure, {**other.values, **chain.fit.model.by_name})
+
+
+def _at(structure: Structure, known: Mapping[str, float]) -> Model:
+    """At these values, and what is typical of all others, inside of their bounds."""
     values = {one.name: _inside(one, known.get(one.name, one.typical)) for one in structure.parameters}
     return Model(structure, structure.vector(values))
 

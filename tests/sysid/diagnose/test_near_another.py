@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
-from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.levelled import as_alone, near_another
+from sysid.diagnose import levelled
+from sysid.diagnose.candidates import Ranked, Reference
+from sysid.diagnose.levelled import as_alone, near_another, rested_otherwise
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP
@@ -24,7 +26,7 @@ def fitted(chi_squared: float, implausible: tuple[str, ...] = (), **own: float) 
     typical = {one.name: one.typical for one in structure.parameters}
     model = Model(structure, structure.vector({**typical, "L_b": chi_squared, **own}))
     names = tuple(one.id for one in known)
-    fit = SimpleNamespace(model=model, dataset=ON, told=(model, {}))
+    fit = SimpleNamespace(model=model, dataset=ON, told=(model, {}), added=names)
     return Ranked(
         effects=names,
         score=None,
@@ -85,3 +87,32 @@ def test_a_chain_begins_at_what_both_halves_are_alone_where_its_score_led_away()
     assert as_alone(asked, DELAY, {}, ()) is None, "nothing known alone"
     lag = Ranked(effects=("servo_lag",), score=None, not_testable=None)
     assert as_alone(lag, DELAY, {"servo_lag": LAG}, ()) is None, "linear ones look at all"
+
+
+def test_play_and_a_dead_band_begin_once_more_where_the_other_ended_and_the_likelier_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best = fitted(1061.0, half_width=0.0015, L_pp=-2.0, M_qq=-1.5, exponent=2.0)
+    behind = fitted(990.0, width=0.005, L_pp=-2.0, M_qq=-1.5, exponent=2.0)
+    apart = fitted(400.0, half_width=0.02, tau_s=0.03)
+    begun: list[Model] = []
+
+    def refit(*asked: Any) -> tuple[Any, str]:
+        begun.append(asked[3])
+        return SimpleNamespace(model=asked[3]), ""
+
+    def ranked(one: Ranked, reference: Reference) -> Ranked:
+        assert one.fit is not None
+        return replace(one, chi_squared=1083.0 if "width" in one.fit.model.by_name else 1000.0)
+
+    monkeypatch.setattr(levelled, "refit_or_reason", refit)
+    monkeypatch.setattr(levelled, "ranked", ranked)
+    chains = {tuple(sorted(one.effects)): one for one in (best, behind, apart)}
+    found = rested_otherwise(best, chains, cast("Reference", SimpleNamespace(parent=None, users=())))
+    names = tuple(sorted(behind.effects))
+    assert {key: one.chi_squared for key, one in found.items()} == {names: 1083.0}, "the play begun anew is no likelier"
+    band, play = begun
+    assert band["width"] == pytest.approx(0.003, rel=0.05), "it stays behind by half of what play does"
+    assert play["half_width"] == pytest.approx(0.0025, rel=0.05)
+    assert band["L_b"] == 1061.0
+    assert play["L_b"] == 990.0
