@@ -256,7 +256,7 @@ class FittedChains:
             return
         try:
             self.found |= levelled(self.best, self.found, self.alone, self.reference)
-            self.found |= rested_otherwise(self.best, self.found, self.reference)
+            self.found |= rested_otherwise(self.found, self.reference)
         except KeyboardInterrupt:
             self.interrupt()
 

@@ -60,16 +60,17 @@ def _from_there(chain: Ranked, best: Ranked, other: Ranked, reference: Reference
     return None if again is None else ranked(replace(chain, fit=again), reference)
 
 
-def rested_otherwise(
-    best: Ranked, chains: Mapping[tuple[str, ...], Ranked], reference: Reference
-) -> dict[tuple[str, ...], Ranked]:
-    """Of the best of these chains and those with play for its dead band, or the other way round, those that are
-    likelier from where that one ended.
+def rested_otherwise(chains: Mapping[tuple[str, ...], Ranked], reference: Reference) -> dict[tuple[str, ...], Ranked]:
+    """Of the best plausible one of these chains and those with play for its dead band, or the other way round, those
+    that are likelier from where that one ended.
 
     Each has valleys of its own beside another effect. (A dead band of 3.2 mrad beside a damping had stayed at 5, and
     play was told for it, whose way was 1.6 to either side.)
     """
     found: dict[tuple[str, ...], Ranked] = {}
+    best = min((one for one in chains.values() if not one.implausible), key=lambda one: one.delta_bic, default=None)
+    if best is None:
+        return found
     for names, chain in chains.items():
         resting = _rest_apart(chain, best, reference.users)
         if resting is None:
@@ -92,7 +93,7 @@ def _rest_apart(one: Ranked, other: Ranked, users: Sequence[Effect]) -> tuple[Ef
 
 def _resting_as(one: Ranked, there: Ranked, resting: tuple[Effect, Effect], reference: Reference) -> Ranked | None:
     """A chain fitted once more from where another one ended, whose servos rest otherwise, at what stays as far behind;
-    None where it is no likelier."""
+    None where it is no likelier, or not plausible there."""
     own, others = resting
     assert one.fit is not None
     assert there.fit is not None
@@ -104,7 +105,7 @@ def _resting_as(one: Ranked, there: Ranked, resting: tuple[Effect, Effect], refe
     near = _at(model.structure, {**known, own.rests_within: times * known[others.rests_within]})
     fit, _ = refit_or_reason(model.structure, reference.parent, one.fit.added, near)
     again = one if fit is None else ranked(replace(one, fit=fit), reference)
-    return again if again.delta_bic < one.delta_bic else None
+    return again if again.delta_bic < one.delta_bic and not again.implausible else None
 
 
 def _stays_behind(resting: Effect) -> float:

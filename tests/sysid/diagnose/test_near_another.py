@@ -103,12 +103,14 @@ def test_play_and_a_dead_band_begin_once_more_where_the_other_ended_and_the_like
 
     def ranked(one: Ranked, reference: Reference) -> Ranked:
         assert one.fit is not None
-        return replace(one, chi_squared=1083.0 if "width" in one.fit.model.by_name else 1000.0)
+        return replace(one, implausible=implausible, chi_squared=1083.0 if "width" in one.fit.model.by_name else 1000.0)
 
     monkeypatch.setattr(levelled, "refit_or_reason", refit)
     monkeypatch.setattr(levelled, "ranked", ranked)
     chains = {tuple(sorted(one.effects)): one for one in (best, behind, apart)}
-    found = rested_otherwise(best, chains, cast("Reference", SimpleNamespace(parent=None, users=())))
+    reference = cast("Reference", SimpleNamespace(parent=None, users=()))
+    implausible: tuple[str, ...] = ()
+    found = rested_otherwise(chains, reference)
     names = tuple(sorted(behind.effects))
     assert {key: one.chi_squared for key, one in found.items()} == {names: 1083.0}, "the play begun anew is no likelier"
     band, play = begun
@@ -116,3 +118,7 @@ def test_play_and_a_dead_band_begin_once_more_where_the_other_ended_and_the_like
     assert play["half_width"] == pytest.approx(0.0025, rel=0.05)
     assert band["L_b"] == 1061.0
     assert play["L_b"] == 990.0
+    implausible = ("M_qq",)
+    assert rested_otherwise(chains, reference) == {}, "what is likelier only where it is not plausible"
+    none = {names: replace(behind, implausible=implausible)}
+    assert rested_otherwise(none, reference) == {}, "no plausible chain to begin at"
