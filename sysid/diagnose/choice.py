@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from sysid.diagnose.candidates import REMAINDER, Ranked
 from sysid.diagnose.evidence import gain
 from sysid.diagnose.foretold import foretells_better_by
-from sysid.diagnose.likely import CHANCE, SAME, doubtful, impossible, misfit
+from sysid.diagnose.likely import CHANCE, SAME, doubtful, impossible, misfit, rest_otherwise
 from sysid.diagnose.shares import contradicted, least
 
 EVIDENCE, EVIDENCE_IN_A_LOOP = 6.0, 15.0
@@ -136,7 +136,7 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked], halves: Seq
     more = [one for one in others if _explains_more(one, best, near)]
     best = min(more, key=lambda one: one.delta_bic, default=best)
     best = min((one for one in others if _shows_plainly_more(one, best)), key=lambda one: one.delta_bic, default=best)
-    best = min((one for one in others if _rests_otherwise(one, best)), key=lambda one: one.delta_bic, default=best)
+    best = min((one for one in others if _foretells_at_rest(one, best)), key=lambda one: one.delta_bic, default=best)
     if not best.outside:
         return best
     simpler = [one for one in others if _explains_as_much(one, best, halves)]
@@ -182,16 +182,12 @@ def _shows_plainly_more(one: Ranked, winner: Ranked) -> bool:
     return _measured_by_samples(one) and _measured_by_samples(winner)
 
 
-def _rests_otherwise(one: Ranked, winner: Ranked) -> bool:
+def _foretells_at_rest(one: Ranked, winner: Ranked) -> bool:
     """Whether it is play for a dead band, or the other way round, which what was imposed hardly tells apart, and which
     foretells better; of plausible ones, where an excitation is logged: else all are told by what they foretell."""
     if one.fit is None or winner.fit is None or one.stepped is None or winner.stepped is None or one.implausible:
         return False
-    here, there = (set(each.effects) - set(other.effects) for each, other in ((one, winner), (winner, one)))
-    if len(here) != 1 or len(there) != 1 or not winner.fit.division.measured:
-        return False
-    resting = [each.own_of(*names) for each, names in ((one, here), (winner, there))]
-    if not all(effects and effects[0].rests_within is not None for effects in resting):
+    if rest_otherwise(one, winner) is None or not winner.fit.division.measured:
         return False
     near = gain(winner.stepped, one.stepped)[0] < RESTS_ALIKE
     return near and foretells_better_by(one.fit, winner.fit) > FORETELLS

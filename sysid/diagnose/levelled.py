@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnose.candidates import Ranked, Reference, composed_with, ranked
-from sysid.diagnose.likely import SAME
+from sysid.diagnose.likely import SAME, rest_otherwise
 from sysid.diagnose.refits import begun_at, refit_or_reason
 from sysid.errors import FitError
 from sysid.model.effect import Effect, EffectError, named_effect
@@ -60,7 +60,7 @@ def _from_there(chain: Ranked, best: Ranked, other: Ranked, reference: Reference
     return None if again is None else ranked(replace(chain, fit=again), reference)
 
 
-def rested_otherwise(chains: Mapping[tuple[str, ...], Ranked], reference: Reference) -> dict[tuple[str, ...], Ranked]:
+def begun_at_rest(chains: Mapping[tuple[str, ...], Ranked], reference: Reference) -> dict[tuple[str, ...], Ranked]:
     """Of the best plausible one of these chains and those with play for its dead band, or the other way round, those
     that are likelier from where that one ended.
 
@@ -72,7 +72,7 @@ def rested_otherwise(chains: Mapping[tuple[str, ...], Ranked], reference: Refere
     if best is None:
         return found
     for names, chain in chains.items():
-        resting = _rest_apart(chain, best, reference.users)
+        resting = rest_otherwise(chain, best)
         if resting is None:
             continue
         of_best = tuple(sorted(best.effects))
@@ -80,15 +80,6 @@ def rested_otherwise(chains: Mapping[tuple[str, ...], Ranked], reference: Refere
             again = _resting_as(one, there, ways, reference)
             found |= {} if again is None else {key: again}
     return found
-
-
-def _rest_apart(one: Ranked, other: Ranked, users: Sequence[Effect]) -> tuple[Effect, Effect] | None:
-    """The half of each that the other has not, where both rest and all else is the same."""
-    apart = [sorted(set(here.effects) - set(there.effects)) for here, there in ((one, other), (other, one))]
-    if [len(names) for names in apart] != [1, 1]:
-        return None
-    own, others = (named_effect(names[0], users) for names in apart)
-    return None if own.rests_within is None or others.rests_within is None else (own, others)
 
 
 def _resting_as(one: Ranked, there: Ranked, resting: tuple[Effect, Effect], reference: Reference) -> Ranked | None:

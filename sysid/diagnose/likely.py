@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import gain
-from sysid.model.effect import catalogue, tied
+from sysid.model.effect import Effect, catalogue, tied
 from sysid.model.parameter import Parameter
 
 TEMPER = 1.5
@@ -239,6 +239,16 @@ def _on_samples(one: Ranked) -> bool:
 
 def _acts_on_samples(chain: Ranked, half: str) -> bool:
     return any(effect.samples is not None for effect in chain.own_of(half))
+
+
+def rest_otherwise(one: Ranked, other: Ranked) -> tuple[Effect, Effect] | None:
+    """The half of each that the other has not, where servos rest within it and all else is the same: play for a dead
+    band, or the other way round."""
+    apart = [set(here.effects) - set(there.effects) for here, there in ((one, other), (other, one))]
+    if [len(names) for names in apart] != [1, 1]:
+        return None
+    halves = [half for each, names in zip((one, other), apart, strict=True) for half in each.own_of(*names)]
+    return (halves[0], halves[1]) if [half.rests_within is not None for half in halves] == [True, True] else None
 
 
 def impossible(one: Ranked) -> set[str]:

@@ -58,15 +58,15 @@ def test_only_what_rests_is_asked_so_and_only_where_what_was_imposed_tells_littl
     monkeypatch.setattr(choice, "gain", lambda *_: (behind, 0.0))
     monkeypatch.setattr(choice, "foretells_better_by", lambda *_: better)
     play, band = ranked("servo_backlash"), ranked("servo_deadband")
-    assert choice._rests_otherwise(play, band)
-    assert choice._rests_otherwise(ranked("servo_lag", "servo_backlash"), ranked("servo_lag", "servo_deadband"))
-    assert not choice._rests_otherwise(replace(play, implausible=("half_width",)), band)
-    assert not choice._rests_otherwise(ranked("servo_backlash", "servo_lag"), band)
-    assert not choice._rests_otherwise(ranked("servo_lag"), band)
-    assert not choice._rests_otherwise(
+    assert choice._foretells_at_rest(play, band)
+    assert choice._foretells_at_rest(ranked("servo_lag", "servo_backlash"), ranked("servo_lag", "servo_deadband"))
+    assert not choice._foretells_at_rest(replace(play, implausible=("half_width",)), band)
+    assert not choice._foretells_at_rest(ranked("servo_backlash", "servo_lag"), band)
+    assert not choice._foretells_at_rest(ranked("servo_lag"), band)
+    assert not choice._foretells_at_rest(
         ranked("servo_backlash", measured=False), ranked("servo_deadband", measured=False)
     )
     behind = RESTS_ALIKE + 1
-    assert not choice._rests_otherwise(play, band)
+    assert not choice._foretells_at_rest(play, band)
     behind, better = 0.0, FORETELLS - 1
-    assert not choice._rests_otherwise(play, band)
+    assert not choice._foretells_at_rest(play, band)

@@ -10,7 +10,7 @@ import pytest
 
 from sysid.diagnose import levelled
 from sysid.diagnose.candidates import Ranked, Reference
-from sysid.diagnose.levelled import as_alone, near_another, rested_otherwise
+from sysid.diagnose.levelled import as_alone, begun_at_rest, near_another
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP
@@ -110,7 +110,7 @@ def test_play_and_a_dead_band_begin_once_more_where_the_other_ended_and_the_like
     chains = {tuple(sorted(one.effects)): one for one in (best, behind, apart)}
     reference = cast("Reference", SimpleNamespace(parent=None, users=()))
     implausible: tuple[str, ...] = ()
-    found = rested_otherwise(chains, reference)
+    found = begun_at_rest(chains, reference)
     names = tuple(sorted(behind.effects))
     assert {key: one.chi_squared for key, one in found.items()} == {names: 1083.0}, "the play begun anew is no likelier"
     band, play = begun
@@ -119,6 +119,6 @@ def test_play_and_a_dead_band_begin_once_more_where_the_other_ended_and_the_like
     assert band["L_b"] == 1061.0
     assert play["L_b"] == 990.0
     implausible = ("M_qq",)
-    assert rested_otherwise(chains, reference) == {}, "what is likelier only where it is not plausible"
+    assert begun_at_rest(chains, reference) == {}, "what is likelier only where it is not plausible"
     none = {names: replace(behind, implausible=implausible)}
-    assert rested_otherwise(none, reference) == {}, "no plausible chain to begin at"
+    assert begun_at_rest(none, reference) == {}, "no plausible chain to begin at"
