@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -110,14 +111,29 @@ def best_values(
     fixed: Mapping[str, float] | None = None,
     weights: Weights = "residual spectrum",
 ) -> Estimate:
-    """As `estimate`, also where what commands do is known only vaguely: what the model lacks may make it so."""
+    """As `estimate`, also where what commands do is known only vaguely: what the model lacks may make it so.
+
+    Without a parent it is fitted once more from the base's stable point where the data do not determine it: in a loop
+    least squares may run away to where commands follow from rates, whatever the vehicle does.
+    """
     fixed = dict(fixed or {})
     unknown = [name for name in fixed if name not in structure.names]
     if unknown:
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
     refuse_still_channels(structure, bins.spectra)
-    if parent is None:
-        parent = start(structure.bare, [group.thinned(START_THINNING) for group in bins.stacks])
+    if parent is not None:
+        return _grown(structure, bins, parent, fixed, weights)
+    begin = start(structure.bare, [group.thinned(START_THINNING) for group in bins.stacks])
+    try:
+        return _grown(structure, bins, begin, fixed, weights)
+    except FitError:
+        stable = Model(structure.bare, np.array(structure.base_.uncoupled, dtype=float))
+        with suppress(FitError, RelaxationError, np.linalg.LinAlgError):  # what was wrong first is told
+            return _grown(structure, bins, stable, fixed, weights)
+        raise
+
+
+def _grown(structure: Structure, bins: Bins, parent: Model, fixed: Mapping[str, float], weights: Weights) -> Estimate:
     parent = _hold(parent, fixed)
     found = _weighed(_least_squares(structure, bins.stacks, parent, fixed), bins, fixed, weights)
     return _deeper(found, parent, bins, fixed)
