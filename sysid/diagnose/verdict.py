@@ -32,7 +32,17 @@ from sysid.diagnose.confidence import (
     of_unexplained,
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain, nrmse_percent
-from sysid.diagnose.likely import SAME, Class, declared, misfit, near, where_samples_are_lost, with_twins, with_unasked
+from sysid.diagnose.likely import (
+    SAME,
+    Class,
+    declared,
+    misfit,
+    near,
+    where_samples_are_lost,
+    with_tethers,
+    with_twins,
+    with_unasked,
+)
 from sysid.diagnose.opposed import cancel_each_other
 from sysid.diagnose.progress import FirstAnswer
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares, least
@@ -353,7 +363,8 @@ def _resembles(winner: Ranked, missing: bool, term: Term | None, shares: Shares)
 def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Class:
     """Also by what the log lost of the commands."""
     assert winner.fit is not None
-    among = with_twins(with_unasked(declared(winner, answers), winner, singles, pairs), winner, singles)
+    among = with_unasked(declared(winner, answers), winner, singles, pairs)
+    among = with_tethers(with_twins(among, winner, singles), winner, singles)
     return where_samples_are_lost(among, winner, singles, pairs) if samples_lost(winner.fit.dataset) else among
 
 
