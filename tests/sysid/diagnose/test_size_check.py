@@ -14,6 +14,7 @@ from strangers.flights import fly
 from sysid.data.dataset import dataset
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
+from sysid.diagnose import size_check
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.verdict import LARGEST_DIFFERENCE, Diagnosis
@@ -26,6 +27,8 @@ TAU_S = 0.03
 LESS = 0.75
 IN_BURSTS = 4065461
 """A hover's drift: slow gusts of the runs that judge are taken for a drag that pushes, by six standard errors."""
+OF_A_MODE = 4098711
+"""Of 5.5 and 6.6 Hz, in an untold loop: of the one in roll the doublets that judge tell little."""
 MOVING = ("delta_x", "delta_y", "p", "q")
 
 
@@ -123,4 +126,22 @@ def test_a_kind_that_is_not_possible_elsewhere_contradicts_none(monkeypatch: pyt
     assert contradicted.verdict == "unexplained"
     (drag,) = contradicted.sizes_that_differ
     assert (drag.parameter.name, drag.elsewhere > 0) == ("Y_v", True)
+    sizes.cache_clear()
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "dynamic_inflow")], indirect=True)
+def test_what_loses_little_of_all_that_it_explains_elsewhere_is_not_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    stranger = fly(OF_A_MODE)
+    found = ask(stranger).first
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    (roll,) = [one for one in found.sizes if one.parameter.name == "frequency_roll"]
+    truth = stranger.hidden.sizes[0]["frequency_roll"]
+    assert roll.fitted == pytest.approx(truth, rel=0.02)
+    assert roll.elsewhere > 1.5 * truth, "another valley, in which a little is lost"
+    sizes.cache_clear()
+    monkeypatch.setattr(size_check, "LITTLE", 0.0)
+    before = ask(stranger).first
+    assert before.verdict == "unexplained"
+    assert [one.parameter.name for one in before.sizes_that_differ] == ["frequency_roll"]
     sizes.cache_clear()
