@@ -102,6 +102,7 @@ def test_beside_a_likeliest_effect_whose_best_chain_leaves_much_no_other_is_begu
     monkeypatch.setattr(chains._Chains, "ask_beside", lambda *_: None)
     monkeypatch.setattr(chains._Chains, "exchange_halves", lambda _: begun.append("exchanged"))
     monkeypatch.setattr(fitted_chains, "levelled", lambda *_: {})
+    monkeypatch.setattr(fitted_chains, "begun_at_rest", lambda *_: {})
     assert search.search([bar, lag])
     given_up = left > (12 if measured else 25)
     both = ["stabiliser_bar"] if left == 0 or given_up else ["stabiliser_bar", "servo_lag"]
