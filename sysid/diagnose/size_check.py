@@ -106,7 +106,7 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
     if (one.estimate.instrumented or one.estimate.instrument == "prediction error") and not again.instrumented:
         return None  # feedback may have moved the one and not the other
     found = _beside(one, again, effects, fixed)
-    if any(size.off > 0 for size in found) and _as_well(again, one, runs, found, fixed, other, effects):
+    if any(size.off > 0 for size in found) and _as_well(again, one, runs, found, fixed, other):
         return [replace(size, by_chance=True) for size in found]
     return found
 
@@ -144,23 +144,31 @@ def _as_well(
     found: Sequence[Size],
     fixed: Mapping[str, float],
     other: Dataset,
-    effects: Sequence[Effect],
 ) -> bool:
-    """Whether the commands explain no more of what is left of the other runs, but for chance or a little of what the
-    effects explain there, with these sizes held as they were fitted than where they are free."""
+    """Whether the commands explain no more of what is left of the other runs, but for chance or a little of what a
+    single effect explains there, with these sizes held as they were fitted than where they are free."""
     structure, weights = one.model.structure, one.estimate.weights
-    without = replace(structure, composed=tuple(each for each in structure.composed if each not in effects))
     held = {**fixed, **{size.parameter.name: size.fitted for size in found}}
     try:
         bound = estimate(structure, runs, one.model, held, weights)
-        lost = divided(bound.error, other).chi_squared - divided(again.error, other).chi_squared
+        left = divided(bound.error, other).chi_squared
+        lost = left - divided(again.error, other).chi_squared
         if log_chance(max(lost, 1e-300), len(found)) > BY_CHANCE:
             return True
-        kept = {name: value for name, value in fixed.items() if name in without.names}
-        none = estimate(without, runs, None, kept, weights)
+        return len(one.added) == 1 and lost < LITTLE * (_left_without(one, runs, fixed, other) - left)
     except (FitError, RelaxationError, np.linalg.LinAlgError):
         return False
-    return lost < LITTLE * (divided(none.error, other).chi_squared - divided(bound.error, other).chi_squared)
+
+
+def _left_without(one: Candidate, runs: Bins, fixed: Mapping[str, float], other: Dataset) -> float:
+    """What the commands explain, chi squared, of the other runs without the effects that were added. Raises FitError,
+    RelaxationError and LinAlgError."""
+    structure = one.model.structure
+    without = replace(
+        structure, composed=tuple(each for each in structure.composed if (each.path or each.id) not in one.added)
+    )
+    kept = {name: value for name, value in fixed.items() if name in without.names}
+    return divided(estimate(without, runs, None, kept, one.estimate.weights).error, other).chi_squared
 
 
 def _largest(sizes: Sequence[Size], unit: str) -> float:
