@@ -68,16 +68,17 @@ def begun_at_rest(chains: Mapping[tuple[str, ...], Ranked], reference: Reference
     play was told for it, whose way was 1.6 to either side.)
     """
     found: dict[tuple[str, ...], Ranked] = {}
-    best = min((one for one in chains.values() if not one.implausible), key=lambda one: one.delta_bic, default=None)
-    if best is None:
+    plausible = [names for names, one in chains.items() if not one.implausible]
+    if not plausible:
         return found
+    of_best = min(plausible, key=lambda names: chains[names].delta_bic)
+    best = chains[of_best]
     for names, chain in chains.items():
         resting = rest_otherwise(chain, best)
         if resting is None:
             continue
-        of_best = tuple(sorted(best.effects))
-        for key, one, there, ways in ((names, chain, best, resting), (of_best, best, chain, resting[::-1])):
-            again = _resting_as(one, there, ways, reference)
+        for key, there, ways in ((names, best, resting), (of_best, chain, resting[::-1])):
+            again = _resting_as(found.get(key, chains[key]), there, ways, reference)
             found |= {} if again is None else {key: again}
     return found
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from strangers.asking import fitted_runs
-from strangers.flights import Stranger, fly
+from strangers.flights import Stranger
 
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
@@ -14,16 +13,6 @@ from sysid.fit.identify import identify, on_runs
 
 SEED = 4100050
 """Of the 90 kg class: 10.9 s chirps in gusts of 3.4 times the usual size, and a drift that shows 70 times."""
-
-
-@pytest.fixture(scope="module")
-def flown() -> Stranger:
-    return fly(SEED)
-
-
-@pytest.fixture(scope="module")
-def runs(flown: Stranger) -> list[Record]:
-    return fitted_runs(flown)
 
 
 def test_it_is_fitted_from_a_stable_point_then(flown: Stranger, runs: list[Record]) -> None:

@@ -20,16 +20,6 @@ CLEAN_SEED = 3144
 """One of a small helicopter that hides nothing: 13.8 s chirps, a strong loop, slow gusts."""
 
 
-@pytest.fixture(scope="module")
-def flown() -> Stranger:
-    return fly(SEED)
-
-
-@pytest.fixture(scope="module")
-def runs(flown: Stranger) -> list[Record]:
-    return fitted_runs(flown)
-
-
 def test_the_excitation_decides_where_least_squares_leaves_less(
     flown: Stranger, runs: list[Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
