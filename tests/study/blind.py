@@ -64,9 +64,9 @@ QUOTAS: Mapping[tuple[str, bool], int] = {
     ("none", True): 600,
     ("none", False): 600,
     ("catalogue", True): 370,
-    ("catalogue", False): 360,
-    ("beyond", True): 185,
-    ("beyond", False): 70,
+    ("catalogue", False): 385,
+    ("beyond", True): 195,
+    ("beyond", False): 80,
     ("two", True): 50,
     ("two", False): 20,
 }
