@@ -25,8 +25,8 @@ from gcs.cli.options import (
 
 _EPILOG = """\
 The ladder shows each rung on fitted and on validation runs, beside the noise floor. The placebo is the best wrong
-effect with as many parameters: the error falls with it, too. Three signs tell a real effect: the error falls on runs
-that were not fitted, sets of runs agree better on the base's parameters, and the size is physically plausible.
+effect with at most as many parameters: the error falls with it, too. Three signs tell a real effect: the error falls on
+runs that were not fitted, sets of runs agree better on the base's parameters, and the size is physically plausible.
 
 FIT2.json and --json have, beside the keys every fit has, "noise_floor_percent", "placebo" (as a candidate of
 `tippath diagnose`) and "signs": [{"key": "validation" | "agreement" | "plausible", "name", "seen": true, false, or

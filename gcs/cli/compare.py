@@ -25,11 +25,13 @@ own logs, measures the noise.
 
 --json prints {"format": "tippath.compare/1", "nrmse_percent", "bands": [{"axis", "low_hz", "high_hz", "error_share",
 "noise_share", "coherence": {channel: 0..1}, "coherence_together"}], "windows": [{"axis", "run", "start_s", "stop_s",
-"error_share"}], "noise_share", "noise_share_is": "measured" or "upper bound, closed loop", "noise_from",
+"error_share"}], "more_than_noise" (or null where the runs are too short to tell), "band_hz", "distortion" (share of the
+error that is neither as in quiet hover nor linear in the commands), "quiet_ratio" or null, "references" (by which
+signal each command is told), "noise_share", "noise_share_is": "measured" or "upper bound, closed loop", "noise_from",
 "noise_floor_percent", "findings": [text], "responses" (model less measured with "noticed_hz", the bands where it lies
-above what noise allows), "amplitude": {"levels", "growth"}, "conditions", "trends", "controls", "runs",
-"suspicions": [{"kind", "runs", "text"}], "remarks", "warnings"}. Error shares add up to 1 for each axis over
-the bands, and over the windows of all runs.
+above what noise allows), "amplitude": {"levels", "growth"}, "conditions", "trends", "controls", "runs", "suspicions":
+[{"kind", "runs", "text"}], "remarks", "warnings"}. Error shares add up to 1 for each axis over the bands, and over the
+windows of all runs.
 """
 
 

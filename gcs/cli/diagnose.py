@@ -36,20 +36,22 @@ record. Without RUN the fit's own runs count, and its own validation runs; given
 them first. Validation runs, of another maneuver or amplitude, never enter a fit: they tell an effect that is there
 from one that only follows the noise.
 
-Chains of two effects are searched where the best single one leaves at least 0.1 points of NRMSE that could be
-explained, or 0.3 where that is known not to matter, and within a budget of 300 fits of the base; what was not searched
-is said. Ctrl-C ends the search of chains: what was found until then is printed, and the exit status is 130. A second
-one, or one before, while single effects are asked, ends the command without an answer.
+Chains of two effects are searched where no single one is named, or where that leaves a twentieth of what can be
+explained and at least 0.1 points of NRMSE (0.3 where these are known not to matter), or a tenth by the noise's measure:
+within a budget of 300 fits of the base, and 50 for the last exchanges; what was not searched is said. Ctrl-C ends the
+search of chains: what was found until then is printed, and the exit status is 130. A second one, or one before, while
+single effects are asked, ends the command without an answer.
 
 What matters is what could change the margins of the loop that `tippath design` would close on the fit by 1 dB or 5
 degrees, or by --matters. What is left and seen is bounded by its 95 % limit at the loop's crossings, what is not seen
-by the effects that could hide. Up to 0.3 points of fit that no effect explains and that do not matter, or that no entry
-is likelier for and that are hardly more than chance, make a fit complete; what has a name does so only where that is a
-guess and hardly more than chance, or with --matters.
+by the effects that could hide. Up to 0.3 points of fit that no effect explains and that do not matter, or up to 0.5
+that no entry is likelier for and that are hardly more than chance, make a fit complete; what has a name does so only
+where that is a guess and hardly more than chance, or with --matters.
 
 Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
-removes at least 90 % of the avoidable error (80 % where no excitation is logged) and shows on validation runs, at
-plausible values; by the noise's spectrum, where 70 % are removed or gusts leave the power uncertain; "unexplained",
+removes at least 90 % of the avoidable error (80 % where no excitation is logged), half of it on validation runs, chance
+taken off, at plausible values; by the noise's spectrum, where 70 % are removed or gusts leave the power uncertain;
+"unexplained",
 there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
 allow "stands in" for something else (a moment back to level does so in free flight, and is the answer on a tether); one
 whose size is another on the validation runs only resembles what is there. The reason "feedback" says that no excitation
@@ -66,23 +68,27 @@ predict the same here ("equivalent": a lag of the servos and one of the gyros) c
 
 The answer is kept beside the fit as FIT-diagnosis.json, under the next free name; `tippath design` judges gains by it.
 
---json prints {"format": "tippath.diagnosis/1", "fit_sha256", "models": [{"role", "effects", "model"}] (the fit with
-what is missing, and with what could not be told from that), "airframe", "verdict", "effect", "chain", "stands_in",
-"indistinguishable", "indistinguishable_pairs", "equivalent": {effect: [effects]}, "confidence", "explained_share",
-"needed_share" (to be named), "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
-"validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
-"placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text],
-"character", "next_maneuver": {"maneuver", "separates", "why", "sigma", "card", "how" (where no card flies it),
-"fit_runs": [ids] (where runs that only judged tell it)} or null, "explanation", "suspicions", "warnings",
-"within_points" (of NRMSE fit, that could still be gained), "remainder" (what that could do: "seen" and "margins" with
-"gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing
-by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs":
-[{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}], "slight": {"points" (of
-fit that the missing effect gains, where that is little), "gain_db", "phase_deg", "matters"} or null, "first_answer":
-{"verdict", "chain", "confidence"} (before pairs were searched) or null, "unsearched_chains": {"reason": "little left",
-"points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much left", "chain", "explained"}
-(by the best one with the likeliest effect) or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app
-shows of it again: as it changes, this is no interface)}.
+--json prints {"format": "tippath.diagnosis/1", "fit_sha256", "structure", "models": [{"role", "effects", "model"}] (the
+fit with what is missing, and with what could not be told from that), "airframe", "verdict", "effect", "chain" (one or
+two, the larger first; none where complete), "stands_in", "indistinguishable", "indistinguishable_pairs", "equivalent":
+{effect: [effects]}, "confidence", "lead" (over its best rival, what confidence is told by), "log10_chance" (of noise
+alone), "explained_share", "needed_share" (to be named), "nrmse_percent" and "validation_nrmse_percent" (of the fit),
+"candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters",
+"standard_errors", "implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "terms":
+[{"equation", "error_share", "as_well"}] (simple terms), "term_ahead": {"equation", "chi_squared"} (one that explains
+far more than the nearest effect) or null, "beyond": [text] (what a residual looks like that no effect explains),
+"sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text], "character", "next_maneuver":
+{"maneuver", "separates", "why", "sigma", "card", "how" (where no card flies it), "fit_runs": [ids] (where runs that
+only judged tell it)} or null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE fit, that could still
+be gained), "remainder" (what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with
+"frequency_hz", "damping_ratio", by the effects "margins_effect" and "modes_effect", "limit", "matters") or null where
+one is missing by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null),
+"remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}],
+"slight": {"points" (of fit that the missing effect gains, where that is little), "gain_db", "phase_deg", "matters"} or
+null, "first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or null, "unsearched_chains":
+{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much
+left", "chain", "explained"} (by the best one with the likeliest effect) or null, "asked": {"version", "as_usual",
+"fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
 """
 
 
@@ -103,8 +109,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--matters",
         metavar="LIMIT",
-        help="changes of the designed loop's margins from which on something matters (1dB,5deg where left out); what "
-        "has a name and changes less is not missing then",
+        help="changes of the designed loop's margins from which on something matters (1dB,5deg where left out); "
+        "only where it is given, what has a name and changes less is not missing either",
     )
     parser.add_argument("--repeat", action="store_true", help="add the answer and ask again, showing each rung")
     parser.add_argument(

@@ -43,14 +43,20 @@ VEHICLE.toml holds what was measured on the ground, in SI units; only k_beta is 
 From L_b and M_a follow I_xx and I_yy, from tau_f, A_b, B_a the Lock number and the flap frequency ratio. One that is
 implausible, or off the measured one by more than a factor of 1.4, is a clue that something is missing.
 
-FIT.json has, beside the keys every fit has, "band_from" ("given", "swept", "noise": chirps with noise on them,
+FIT.json, which --json prints, is {"format": "tippath.fit/1", "structure", "parameters": {NAME: {"value", "unit",
+"standard_error", "cramer_rao_percent", "insensitivity_percent", "at_bound", "implausible", "fixed", "determined"}},
+"modes": [{"frequency_hz", "damping_ratio"}], "stable", "nrmse_percent", "validation_nrmse_percent", "records",
+"validation_records", "lineage" (the fits below it), "matrices" (A, B, C, D, and "input_delay_s"), "outside_matrices"
+(effects that these do not hold), "covariance", "correlations", "band_hz", "weights" (of the error: "residual spectrum"
+or "constant"), "airframe", "profile", "window_s", "warnings", "version"}. It has besides "band_from" ("given", "swept",
+"noise": chirps with noise on them, "noise, samples lost": the same in a log that has not every sample of it,
 "coherent", or "usual") and the "airframe" of each of its records, "responses" (model less measured, in dB and degrees,
 where the partial coherence is at least 0.6, and the integrated cost), "onboard_responses" (the same less what the
-vehicle identified itself: PX4's autotune), "checks", "spread" (parameters between sets of
-runs, in standard errors), "low_edges" (their values if the band began higher; null where the noise was predicted),
-"instrument" (what kept feedback out of the values: "excitation logged", "excitation rebuilt" from the chirp's settings,
-"prediction error", the noise predicted from its past, or "commands": nothing did), "correlations", "guides", and
-"implied" with a vehicle file.
+vehicle identified itself: PX4's autotune), "responses_reference" (by which signal each command is told), "checks",
+"spread" (parameters between sets of runs, in standard errors), "low_edges" (their values if the band began higher; null
+where the noise was predicted), "instrument" (what kept feedback out of the values: "excitation logged", "excitation
+rebuilt" from the chirp's settings, "prediction error", the noise predicted from its past, or "commands": nothing did),
+"guides", and "implied" with a vehicle file.
 
 ± in the table is the standard error: right where structure and clocks are. Behind it, (± model) is one standard
 deviation of what speaks against that: stamps of commands and rates off by up to half a period of the loop (of the log,
