@@ -102,6 +102,10 @@ class Dataset:
         """The same of other records, of which nothing is prepared yet."""
         return replace(self, records=records, _pieces={}, _viewed={}, _some={}, _held={})
 
+    def without(self, names: frozenset[str]) -> Dataset:
+        """These runs as if they had not logged these channels."""
+        return self._with(tuple(one.without(names) for one in self.records)) if names else self
+
     def beside(self, fitted: Dataset) -> Dataset:
         """These runs as those that judge what was fitted to others."""
         return replace(self, like=fitted, _some={}, _held={})
@@ -171,12 +175,12 @@ class Dataset:
     @cached_property
     def whole(self) -> Bins:
         """The bins with every input that any model may read."""
-        always = (*self._own_commands, "t")  # time is what a drift is written in
+        always = (*self.own_commands, "t")  # time is what a drift is written in
         read = [name for name in (*COMMANDS, *CHANNELS_READ, "t") if name not in self.outputs]
         return self.viewed(tuple(name for name in read if name in self._moving or name in always))
 
     @property
-    def _own_commands(self) -> tuple[str, ...]:
+    def own_commands(self) -> tuple[str, ...]:
         """Of the axes of the outputs; roll and pitch, which are flown together, have each other's."""
         if set(RATES) & set(self.outputs):
             return CYCLIC
@@ -194,7 +198,7 @@ class Dataset:
     @cached_property
     def causes(self) -> Causes:
         """What the excitation caused in each command that it can have caused."""
-        own, inputs = self._own_commands, self.spectra[0].inputs
+        own, inputs = self.own_commands, self.spectra[0].inputs
         excited = COMMANDS if own == CYCLIC else ()
         return self.whole.causes(
             tuple(name for name in inputs if name in own or (name in excited and excitation_of(name) in self.common))
@@ -229,7 +233,7 @@ class Dataset:
     @cached_property
     def unexcited(self) -> Dataset:
         """The same runs as if no excitation had been logged: what they are asked so is what all commands foretell."""
-        bare = self._with(tuple(one.without(EXCITATIONS) for one in self.records))
+        bare = self.without(frozenset(EXCITATIONS))
         return bare if self.like is None else bare.beside(self.like.unexcited)
 
     @property

@@ -89,8 +89,14 @@ def chains_of_two(
     if not able:
         return ChainSearch()
     chains = _Chains(singles, reference, say, budget, named is not None)
-    no_need = chains.look(able, named, limit or Limit())
-    parts = chains.parts_of(named or able[0], singles)
+    try:
+        no_need = chains.look(able, named, limit or Limit())
+        parts = chains.parts_of(named or able[0], singles)
+    except KeyboardInterrupt:
+        if chains.interrupted:
+            raise
+        chains.interrupt()
+        return chains.told()
     if no_need is None:
         return chains.told()
     unsearched = chains.unsearched if chains.interrupted else no_need.unsearched

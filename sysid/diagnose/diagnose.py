@@ -51,9 +51,10 @@ from sysid.diagnose.resting import chance_of_rest
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, Term, search, select
 from sysid.diagnose.thinned import TakenAs, as_held, by_a_usual_loop, noise_folded, telling
-from sysid.diagnose.unsearched import BudgetSpent
+from sysid.diagnose.unsearched import BudgetSpent, Unsearched
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
+from sysid.errors import FitError
 from sysid.fit.estimate import best_values, refuse_vague
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
@@ -86,8 +87,13 @@ def diagnose(
     chain could explain more. How long a loop that nobody told of held commands is found anew: it hangs on what lacks.
     Raises FitError where the runs do not identify the structure itself.
     """
-    on = dataset(records, band_hz, outputs=structure.outputs).held(None)
     judging = prepared(validation, band_hz).held(None)
+    on = dataset(records, band_hz, outputs=structure.outputs).held(None)
+    if judging.records:  # where a signal is not logged, nothing can be judged that hangs on it
+        unread = sorted({*structure.inputs} - judging.common)
+        if unread:
+            raise FitError(f"{', '.join(unread)} is not logged on every validation run, and the fit reads it")
+        on = on.without(on.available - judging.common)
     validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
     fixed = fixed or {}
     say(Asking(stage=Stage.NOISE, of=1 + len(entries(structure, on, effects))))
@@ -238,7 +244,10 @@ def _held_anew(
     if shown is None:
         return None
     hold, effects = shown
-    parent = fitted(reference.parent.dataset.held(hold.loop_s), reference.parent.model)
+    try:
+        parent = fitted(reference.parent.dataset.held(hold.loop_s), reference.parent.model)
+    except FitError:
+        return None
     there = refit_or_reason(hold.near.structure, parent, effects, hold.near)[0]
     here = asked.likeliest if winner is None or winner.fit is None else winner.fit
     named = answer.verdict == "missing" and len(answer.chain) == 1
@@ -249,8 +258,11 @@ def _held_anew(
 
 def _searched(answer: Diagnosis) -> bool:
     """Whether pairs were found, and nobody ended the search."""
-    left = answer.unsearched
-    return bool(answer.pairs) and not (isinstance(left, BudgetSpent) and left.interrupted)
+    return bool(answer.pairs) and not _called_off(answer.unsearched)
+
+
+def _called_off(unsearched: Unsearched | None) -> bool:
+    return isinstance(unsearched, BudgetSpent) and unsearched.interrupted
 
 
 def _the_likeliest(scored: _Scored, other: _Asked, say: Listener) -> Candidate:
@@ -269,7 +281,12 @@ def _with_chains(asked: _Asked, say: Listener, limit: Limit | None) -> Diagnosis
     say(_first(answer))
     named = answer.winner if answer.verdict == "missing" else None
     chained = chains_of_two(answer.candidates, asked.reference, say, limit=limit, named=named)
-    return asked.finished(chained, say)
+    try:
+        return asked.finished(chained, say)
+    except KeyboardInterrupt:  # what single effects explain was known before
+        if _called_off(chained.unsearched):
+            raise
+        return asked.finished(ChainSearch(unsearched=chained.interrupted.unsearched))
 
 
 def _as_likely(other: _Asked, here: Candidate) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -393,9 +393,10 @@ class Stepped:
         return Envelope.of(project(rows, self.residual[None])[0], whitening.stacks)
 
 
+@lru_cache(maxsize=4)
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     """One Gauss-Newton step of the free parameters, the instruments standing for the sensitivities on one side, as far
-    as they tell; none goes beyond its bounds, where a lag would be a lead."""
+    as they tell; none goes beyond its bounds, where a lag would be a lead. Kept: a refit is judged by it repeatedly."""
     white = White.of(one, whitening)
     J, Z, e, shown = white.J, white.Z, white.residual, white.shown
     imposed, taken = whitening([Y[None] for Y in one.Y_imposed])[0], True
@@ -449,11 +450,8 @@ class White:
 
     def move(self, one: Candidate) -> FloatArray:
         """Of the candidate's free parameters, between their bounds, to where the imposed commands leave least."""
-        J, Z, e, shown = self.J, self.Z, self.residual, self.shown
-        if shown is None:
-            return _within_bounds(one, Z @ J.T, Z @ e - self.dear)
-        asked = shown.told(Z)
-        return _within_bounds(one, asked @ J.T, asked @ e)
+        asked, dear = (self.Z, self.dear) if self.shown is None else (self.shown.told(self.Z), 0.0)
+        return _within_bounds(one, asked @ self.J.T, asked @ self.residual - dear)
 
 
 def covariance(one: Candidate, metric: Whitening) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, white_left
-from sysid.fit.innovations import innovations
+from sysid.fit.innovations import Innovations, innovations
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model
 
@@ -31,6 +31,12 @@ def foretells_better_by(one: Candidate, other: Candidate) -> float:
 def less_left(one: Model, other: Model, by: Candidate, on: Dataset) -> float:
     """Chi squared by which the first model leaves less of what is new in these runs, in the noise that a candidate
     leaves there; 0 where that is not known. Raises as `white_left`."""
-    metric = innovations(by.model, on.wider, by.free)
+    metric = _noise_beside(by, on)
     mine, his = (float(np.sum(white_left(each, metric) ** 2)) for each in (one, other))
     return his - mine if np.isfinite(his - mine) else 0.0
+
+
+@lru_cache(maxsize=4)
+def _noise_beside(one: Candidate, on: Dataset) -> Innovations:
+    """What a candidate leaves in these runs; kept, for others are held against it one after the other."""
+    return innovations(one.model, on.wider, one.free)

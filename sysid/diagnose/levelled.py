@@ -57,7 +57,8 @@ def _from_there(chain: Ranked, best: Ranked, other: Ranked, reference: Reference
     if not structure.linear:
         return None
     again = begun_at(chain.fit, reference.parent, _beginning(structure, best, other).by_name)
-    return None if again is None else ranked(replace(chain, fit=again), reference)
+    there = None if again is None else ranked(replace(chain, fit=again), reference)
+    return None if there is None or there.fit is None else there
 
 
 def begun_at_rest(chains: Mapping[tuple[str, ...], Ranked], reference: Reference) -> dict[tuple[str, ...], Ranked]:

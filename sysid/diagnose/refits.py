@@ -289,8 +289,8 @@ def _as_promised(
     # what acts on samples ends in the same valley again; of several modes power may show one alone
     short = explained < promised or one.score.tried > FEW_POINTS
     again = refit_or_reason(composed, parent, one.effects, begin)[0] if short and composed.linear else None
-    if again is not None and explained_by(again, parent, metric) > explained:
-        fit, explained = again, explained_by(again, parent, metric)
+    if again is not None and (more := explained_by(again, parent, metric)) > explained:
+        fit, explained = again, more
     if fit is None or not parent.division.measured or (explained >= promised and not _has_far_to_go(fit, parent)):
         return fit, False
     again = by_the_noise(fit, begin, metric)

@@ -151,7 +151,7 @@ class RemovedError:
     relative: FloatArray
     """(k,), of the measured power."""
     by_run: tuple[tuple[str, float, float], ...]
-    """Axis, command and rms of the removed error over that of the command, for every segment."""
+    """The largest command, its rms, and that of the removed error over it, for every segment."""
     waves: tuple[FloatArray, ...]
     """For every segment the removed error in time, (k, n), each output over its measured rms."""
 
@@ -160,9 +160,9 @@ class RemovedError:
         outputs = parent.model.structure.outputs
         before, after = parent.estimate.error, fit.estimate.error
         frequency, power, runs, waves = [], [], [], []
-        segments = ((group, one) for group in parent.dataset.stacks for one in group.spectra)
+        segments = (one for group in parent.dataset.stacks for one in group.spectra)
         size = np.sqrt(before.measured_power / max(parent.dataset.samples, 1))
-        for (_, one), e, rest in zip(segments, before.residuals, after.residuals, strict=True):
+        for one, e, rest in zip(segments, before.residuals, after.residuals, strict=True):
             frequency.append(one.frequency_hz)
             power.append((2 / one.samples) * (np.abs(e) ** 2 - np.abs(rest) ** 2))
             waves.append(one.in_time(e - rest) / size[:, None])

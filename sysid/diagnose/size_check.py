@@ -73,7 +73,7 @@ class Size:
         }
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=4)
 def sizes(one: Candidate, effects: tuple[str, ...], other: Dataset) -> tuple[Size, ...]:
     """Sizes of these effects (ids, or paths of a user's) that both sets of runs determine; the most different first.
 

@@ -198,10 +198,6 @@ class Selection:
     """In the order of choice, each as it was scored beside those before it; empty where nothing is significant."""
     error: OutputError
     """What one step with all of them leaves: noise, as far as the library reaches."""
-    whitening: Whitening
-    """By the noise's spectrum, the one in which they were chosen."""
-    stepped: Stepped
-    """The parent in that metric."""
 
     @property
     def error_share(self) -> float:
@@ -219,7 +215,7 @@ def search(
 ) -> list[Term]:
     """The best entries by one step from the parent, best first; those that runs cannot tell apart make one Term.
 
-    `known` is the parent's library where it was made already. `beside`: terms that stay in; `settled` has them too.
+    `known` is the parent's library where it was made already. `beside`: terms that stay in; `stepped` has them too.
     Of entries as good as the best the one in the fewest signals speaks for all.
     """
     known = known or candidate_terms(parent)
@@ -273,7 +269,7 @@ def select(
             break
         terms.append(best[0])
     left = _left(parent, known, [term.number for term in terms])
-    return Selection(tuple(terms), left, whitening, _settled(parent, known, [], whitening))
+    return Selection(tuple(terms), left)
 
 
 def _rough(parent: Candidate, known: CandidateTerms, whitening: Whitening, most: int) -> list[int]:
@@ -395,7 +391,7 @@ def _as_well(better: _Step, other: _Step) -> bool:
 
 
 def _settled(parent: Candidate, known: CandidateTerms, numbers: Sequence[int], whitening: Whitening) -> Stepped:
-    """As `settle` does, with entries among the parameters."""
+    """As `instrumental_step` does, with entries among the parameters, wherever their bounds are."""
     moved = whitening(_together([parent.J, *(known.answers(number) for number in numbers)]))
     asked = moved
     if not (known.as_flown and parent.J_imposed is parent.J):

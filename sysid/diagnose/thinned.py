@@ -7,15 +7,15 @@ large commands are is asked at the frequencies where such a log shows that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import SLOW_S, Piece, Spectrum, held_s, lost_commands
-from sysid.data.record import CYCLIC
 from sysid.diagnose.evidence import Candidate
+from sysid.errors import FitError
 from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.clocks import found_hold
 from sysid.fit.whitening import Whitening
@@ -51,11 +51,14 @@ def as_held(
     parent: Candidate, fixed: Mapping[str, float], fitted: Fitted
 ) -> tuple[Candidate, CommandsThinned | None, float | None]:
     """The parent on its runs as the loop held their commands, fitted anew (`fitted`); what thinned them; and how long
-    each was held, s. The parent itself, and None, where they tell of no other loop."""
+    each was held, s. The parent itself, and None, where they tell of no other loop, or do not determine it by that."""
     hold = found_hold(parent.model, parent.dataset, fixed, lambda runs, near: fitted(runs, near).model)
     if hold is None:
         return parent, None, None
-    return fitted(parent.dataset.held(hold.loop_s), hold.near), hold.what, hold.loop_s
+    try:
+        return fitted(parent.dataset.held(hold.loop_s), hold.near), hold.what, hold.loop_s
+    except FitError:
+        return parent, None, None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -70,7 +73,7 @@ class TakenAs:
 
 def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> TakenAs | None:
     """The parent on its runs as a usual loop would have held their commands, fitted anew (`fitted`); None where the log
-    has or tells every loop, or they are taken as held no longer than by likely ones.
+    has or tells every loop, or they are taken as held no longer than by likely ones, or do not determine it by that.
 
     What the runs show of a hold beside a parent that lacks something may be what it lacks: a delay, as of a slow loop.
     """
@@ -80,7 +83,10 @@ def by_a_usual_loop(parent: Candidate, fitted: Fitted) -> TakenAs | None:
         return None
     sample_s = max(piece.dt for piece in runs.pieces)
     what = CommandsThinned(0.5 * (sample_s - USUAL_LOOP_S), LIKELY_LOOPS_S, sample_s)
-    return TakenAs(fitted(runs.held(USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
+    try:
+        return TakenAs(fitted(runs.held(USUAL_LOOP_S), parent.model), USUAL_LOOP_S, what)
+    except FitError:
+        return None
 
 
 def untold(runs: Dataset) -> bool:
@@ -141,15 +147,17 @@ def telling(runs: Dataset) -> Dataset | None:
     exact misses the answer by as much.
     """
     lost = {
-        id(one.segment.record) for one in runs.spectra if lost_commands(one.dt, one.segment.record) and _folded(one)
+        id(one.segment.record)
+        for one in runs.spectra
+        if lost_commands(one.dt, one.segment.record) and _folded(one, runs.own_commands)
     }
     kept = tuple(one for one in runs.records if id(one) not in lost)
     return runs.of(kept) if kept else None
 
 
-def _folded(run: Spectrum) -> bool:
-    """Whether a command that moves holds more beyond half the log's rate than can be neglected."""
-    moving = [run.segment.channels[name] - np.mean(run.segment.channels[name]) for name in run.inputs if name in CYCLIC]
+def _folded(run: Spectrum, commands: Sequence[str]) -> bool:
+    """Whether one of these commands that moves holds more beyond half the log's rate than can be neglected."""
+    moving = [run.segment.channels[name] - np.mean(run.segment.channels[name]) for name in commands]
     most = max(float(np.mean(one**2)) for one in moving)
     window = np.hanning(run.samples)
     f = np.fft.rfftfreq(run.samples, run.dt)

@@ -32,7 +32,7 @@ class RotorUnknown:
 
 @dataclass(frozen=True, slots=True)
 class RotorAbove:
-    """The rotor's frequency, Hz, and how many times the highest mode's it is."""
+    """The rotor's frequency, Hz, and how many times the highest mode's it is: infinite of integrators alone."""
 
     rotor_hz: float
     times: float
@@ -63,6 +63,11 @@ class SetsDiffer:
     sets: int
     frequency_percent: float
     damping_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoModes:
+    """The model has integrators alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +146,7 @@ CheckFinding = (
     | SetRefused
     | ModesDiffer
     | SetsDiffer
+    | NoModes
     | NothingFree
     | ParametersMoved
     | CommandsThinned

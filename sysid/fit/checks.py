@@ -25,6 +25,7 @@ from sysid.fit.check_kinds import (
     FewChirps,
     InsideSweep,
     ModesDiffer,
+    NoModes,
     NothingFree,
     OutsideSweep,
     ParametersMoved,
@@ -131,7 +132,7 @@ def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
         return Check(name, None, RotorUnknown())
     rotor_hz = min(speeds) / (2 * np.pi)
     highest = max(mode.frequency_hz for mode in model.own_modes)
-    ratio = rotor_hz / highest
+    ratio = rotor_hz / highest if highest > SLOWEST_HZ else math.inf
     return Check(name, ratio >= ROTOR_SEPARATION, RotorAbove(rotor_hz, ratio))
 
 
@@ -166,6 +167,8 @@ def _agreement(models: Sequence[Model]) -> Check:
     modes = [[mode for mode in model.own_modes if mode.frequency_hz > SLOWEST_HZ] for model in models]
     if len({len(found) for found in modes}) > 1:
         return Check(AGREEMENT, False, ModesDiffer())
+    if not modes[0]:
+        return Check(AGREEMENT, None, NoModes())
     frequencies = np.array([[mode.frequency_hz for mode in found] for found in modes])
     dampings = np.array([[mode.damping_ratio for mode in found] for found in modes])
     change_f = 100 * float(np.max(np.ptp(frequencies, axis=0) / np.mean(frequencies, axis=0)))

@@ -119,7 +119,10 @@ def found_hold(
         return None
     what, sample_s = thinned
     loop_s = _loop_s(sample_s, sample_s, what.early_s)
-    near = fitted(runs.held(loop_s), model)
+    try:
+        near = fitted(runs.held(loop_s), model)
+    except FitError:  # what the runs determine by a whole sample alone stays so
+        return None
     second = _by(near, runs.held(loop_s), fixed)
     return Hold(what, loop_s if second is None else _loop_s(sample_s, loop_s, second.early_s), near)
 

@@ -26,7 +26,7 @@ from sysid.fit.grow import grow, looks
 from sysid.fit.identifiable import alike
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError, axis_weights, output_error
-from sysid.fit.rows import project, rows, smooth
+from sysid.fit.rows import project, rows, smoothed_spectrum
 from sysid.fit.start import POOR_SHARE, START_THINNING, start
 from sysid.fit.weights import inflation, spectral_weights
 from sysid.fit.whitening import weighed
@@ -319,7 +319,7 @@ def _unbias(
         if move is None:
             return None
         values[list(free)] += move
-        if not _in_bounds(structure, values):
+        if not in_bounds(structure, values):
             return None
         if np.max(np.abs(move) * size) < SHORT / np.sqrt(2 * sum(group.Y.size for group in stacks)):
             break
@@ -381,7 +381,8 @@ def _newton_move(curvature: FloatArray, gradient: FloatArray, size: FloatArray) 
     return np.asarray(np.linalg.solve(scaled, gradient / size) / size)
 
 
-def _in_bounds(structure: Structure, values: FloatArray) -> bool:
+def in_bounds(structure: Structure, values: FloatArray) -> bool:
+    """Whether values (parameters,) are finite, and between their bounds."""
     low, high = structure.bounds
     return bool(np.all(np.isfinite(values)) and np.all(values >= low) and np.all(values <= high))
 
@@ -416,8 +417,7 @@ def _linearised(
                 continue
             bins = block.view(complex).reshape(block.shape[0], len(group.Y), -1)
             e = bins[0]
-            cross = e[:, None, :] * e[None, :, :].conj()
-            S = smooth(cross.reshape(-1, cross.shape[-1]).T, group.frequency_hz[part]).T.reshape(cross.shape)
+            S = smoothed_spectrum(e, group.frequency_hz[part])
             variance += 0.5 * (Z @ rows(weighed(S, bins[-count:])).T)
     return curvature, gradient, variance
 

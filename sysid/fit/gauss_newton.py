@@ -14,7 +14,7 @@ from sysid.data.stacks import Stack
 from sysid.fit.output_error import axis_weights
 from sysid.fit.rows import less_ends, rows
 from sysid.fit.scaled import scaled_solve
-from sysid.fit.whitening import weighed
+from sysid.fit.whitening import weighing
 from sysid.model.acting import linear_dynamics
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -92,9 +92,9 @@ def normal_equations(
         n = response.E.shape[0]
         columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
         white = np.empty((sum(map(len, columns)), *group.Y.shape), dtype=complex)
-        first = 0
+        first, by_weight = 0, weighing(weight)
         for some in columns:
-            weighed(weight, some, out=white[first : first + len(some)])
+            by_weight(some, white[first : first + len(some)])
             first += len(some)
         blocks = [rows(white[..., part]) for part in group.slices]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)

@@ -67,8 +67,10 @@ def identify(
     step, rungs = climb.to_the_top(fitted, judging, begin)
     hold = found_hold(step.found.model, fitted, fixed, climb.again)
     if hold is not None:
-        fitted, judging = fitted.held(hold.loop_s), judging.held(hold.loop_s)
-        step, rungs = climb.to_the_top(fitted, judging, hold.near)
+        as_held = fitted.held(hold.loop_s), judging.held(hold.loop_s)
+        with contextlib.suppress(FitError):  # what the runs determine by a whole sample alone stays so
+            step, rungs = climb.to_the_top(*as_held, hold.near)
+            fitted, judging = as_held
     shared = shared_error(step.found.model, fitted, fixed)
     return Fit(
         model=step.found.model,

@@ -19,7 +19,7 @@ from sysid.fit.check_kinds import LowEdgeHolds, LowEdgeMoves, Move
 from sysid.fit.checks import Check
 from sysid.fit.estimate import Weights, asked_with, free_of, weights_at
 from sysid.fit.identifiable import size
-from sysid.fit.rows import project, rows, smooth
+from sysid.fit.rows import project, rows, smoothed_spectrum
 from sysid.fit.scaled import scaled_inverse
 from sysid.fit.whitening import weighed
 from sysid.model.acting import jumping
@@ -160,8 +160,7 @@ def parts_of(
         T, E = weighed(weight, np.concatenate(columns)), weighed(weight, response.E)
         for part in group.slices:
             left = project(rows(E[..., part]), rows(T[:1, :, part])).view(complex).reshape(len(group.Y), -1)
-            cross = left[:, None, :] * left[None, :, :].conj()
-            S = smooth(cross.reshape(-1, cross.shape[-1]).T, group.frequency_hz[part]).T.reshape(cross.shape)
+            S = smoothed_spectrum(left, group.frequency_hz[part])
             found.append(Part(group.frequency_hz[part], E[..., part], T[..., part], S))
     return found
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -250,7 +251,7 @@ class _Layout:
         comes and goes. Each draw is made once, whatever is held against it."""
         for number, rng in enumerate(self._draws):
             if number == len(self._late):
-                late = rng.uniform(0.0, 1.0, self.rank.size)[self.rank]
+                late = deepcopy(rng).uniform(0.0, 1.0, self.rank.size)[self.rank]  # the same after an interrupt
                 shifted = self.reference * np.exp(-2j * np.pi * self.turns * late[self.segment])
                 self._late.append(_Span.of(shifted, self.place, self.segment, self.starts))
             yield self._late[number]

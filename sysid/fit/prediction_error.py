@@ -26,7 +26,7 @@ from sysid.fit.estimate import Estimate, free_of
 from sysid.fit.gauss_newton import NormalEquations, bounded_step, moved
 from sysid.fit.growth import answered, growth, growth_slopes, misled
 from sysid.fit.output_error import OutputError, output_error
-from sysid.fit.rows import orthonormal, rows, smooth
+from sysid.fit.rows import orthonormal, rows, smoothed_spectrum
 from sysid.fit.whitening import jumps, weighed
 from sysid.model.acting import jumping
 from sysid.model.predict import respond
@@ -361,8 +361,7 @@ def _covariance(
     for block in _blocks(model, noise, stacks):
         asked = block.slopes[list(free)] - _less(block.basis, block.past.combined(to_past))
         e = block.left[0].view(complex).reshape(k, -1)
-        cross = e[:, None] * e[None].conj()
-        S = smooth(cross.reshape(k * k, -1).T, block.frequency_hz).T.reshape(cross.shape)
+        S = smoothed_spectrum(e, block.frequency_hz)
         bins = asked.view(complex).reshape(len(asked), k, -1)
         variance += 0.5 * (asked @ rows(np.einsum("klf,blf->bkf", S, bins)).T)
     inverse = np.linalg.inv(curvature / np.outer(size, size)) / np.outer(size, size)

@@ -76,14 +76,19 @@ def project(E: FloatArray, others: FloatArray) -> FloatArray:
     return rest
 
 
-def smooth(values: AnyArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> AnyArray:
-    """Moving average over frequency of (bins, columns), reflected at the ends."""
+def smoothed_spectrum(left: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
+    """Spectral matrices (k, k, bins) of a residual (k, bins): a moving average over SMOOTHING_HZ, reflected at the
+    ends."""
+    cross = left[:, None] * left[None].conj()
+    return np.asarray(_smooth(cross.reshape(-1, cross.shape[-1]).T, frequency_hz).T.reshape(cross.shape))
+
+
+def _smooth(values: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
+    """(bins, columns)."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.ndimage import uniform_filter1d
 
-    step = float(frequency_hz[1] - frequency_hz[0]) if frequency_hz.size > 1 else width_hz
-    bins = max(5, int(width_hz / step) | 1)
-    real = uniform_filter1d(values.real, bins, axis=0, mode="reflect")
-    if not np.iscomplexobj(values):
-        return np.asarray(real)
-    return np.asarray(real + 1j * uniform_filter1d(values.imag, bins, axis=0, mode="reflect"))
+    step = float(frequency_hz[1] - frequency_hz[0]) if frequency_hz.size > 1 else SMOOTHING_HZ
+    bins = max(5, int(SMOOTHING_HZ / step) | 1)
+    real, imag = (uniform_filter1d(part, bins, axis=0, mode="reflect") for part in (values.real, values.imag))
+    return np.asarray(real + 1j * imag)

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.data.dataset import Bins
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
-from sysid.fit.estimate import Estimate, Weights, estimate
+from sysid.fit.estimate import Estimate, Weights, estimate, in_bounds
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows
 from sysid.model.monomials import linearised
@@ -73,7 +73,8 @@ def _cost(error: OutputError) -> float:
 def _steadied(free: Estimate, bins: Bins) -> Settled | None:
     """Moved by as little as the data object, in its covariance, to where no pole is unstable.
 
-    None where the data object, and where attitude or speed belong to the state: hover may be unstable in these.
+    None where the data object, where that is beyond a bound, and where attitude or speed belong to the state: hover may
+    be unstable in these.
     """
     structure = free.model.structure
     if structure.attitude_states:
@@ -92,6 +93,8 @@ def _steadied(free: Estimate, bins: Bins) -> Settled | None:
             model = Model(structure, values)
             break
         values = values - free.covariance @ slopes * ((real + 0.5 * STABILITY_MARGIN) / spread**2)
+        if not in_bounds(structure, values):
+            return None
     else:
         return None
     if not model.stable:

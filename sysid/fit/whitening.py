@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,21 @@ def whitener_of(spectrum: ComplexArray) -> ComplexArray:
 def weighed(weight: AnyArray, columns: ComplexArray, out: ComplexArray | None = None) -> ComplexArray:
     """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a matrix for each bin,
     (k, k, bins)."""
-    found = np.empty(columns.shape, dtype=complex) if out is None else out
-    if weight.ndim == 2:  # of real numbers, which would else be made complex ones first
-        np.multiply(np.ascontiguousarray(columns).view(float), np.repeat(weight, 2, axis=1), out=found.view(float))
-        return found
-    return _weighed(_parts_of(weight), columns, found)
+    return weighing(weight)(columns, np.empty(columns.shape, dtype=complex) if out is None else out)
+
+
+def weighing(weight: AnyArray) -> Callable[[ComplexArray, ComplexArray], ComplexArray]:
+    """As `weighed`, for many columns by the same weights: of columns and where they go."""
+    if weight.ndim != 2:
+        return partial(_weighed, _parts_of(weight))
+    twice = np.repeat(weight, 2, axis=1)
+
+    def by_numbers(columns: ComplexArray, out: ComplexArray) -> ComplexArray:
+        # of real numbers, which would else be made complex ones first
+        np.multiply(np.ascontiguousarray(columns).view(float), twice, out=out.view(float))
+        return out
+
+    return by_numbers
 
 
 _Parts = tuple[tuple[tuple[int, ComplexArray], ...], ...]

@@ -68,11 +68,11 @@ def _jumping(
     structure: Structure, front: tuple[Effect, ...], segment: Segment, at: tuple[tuple[str, float], ...]
 ) -> tuple[str, ...]:
     """Kept: a fit asks where it ended, and all that judges it again."""
-    named = dict(at)
+    named, known = dict(at), Samples()
 
     def jumps(name: str) -> bool:
-        steps = 1 + LARGE_STEP * np.arange(PARTS + 1) / PARTS
-        acting = [in_time(structure, front, segment, {**named, name: one * named[name]}) for one in steps.tolist()]
+        steps = (1 + LARGE_STEP * np.arange(PARTS + 1) / PARTS).tolist()
+        acting = [in_time(structure, front, segment, {**named, name: one * named[name]}, known) for one in steps]
         parts = math.sqrt(sum(float(np.sum((there - here) ** 2)) for here, there in pairwise(acting)))
         whole = float(np.linalg.norm(acting[-1] - acting[0]))
         return bool(0 < whole < STEADY * parts)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.record import CYCLIC
 from sysid.model.acting import divided, linear_dynamics, sampled
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, find
@@ -18,7 +19,6 @@ from sysid.model.paper import TABLE_4, TPP, reduce_to_cd
 from sysid.model.response import transfer
 from sysid.model.structure import FLIGHT_CONDITION, AnyArray, FloatArray, Model, Structure, discretise, recursion
 
-CYCLIC = ("delta_x", "delta_y")
 NEARLY = 0.6
 """Of what its own command shows of an axis, another's counts so much."""
 DT = 0.004

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, assert_never
 
@@ -13,6 +14,7 @@ from sysid.fit.check_kinds import (
     LowEdgeHolds,
     LowEdgeMoves,
     ModesDiffer,
+    NoModes,
     NothingFree,
     OutsideSweep,
     ParametersMoved,
@@ -43,6 +45,8 @@ def check_text(check: Check) -> str:
         case RotorUnknown():
             return "rotor speed not logged: compare the modes with it by hand"
         case RotorAbove(rotor_hz, times):
+            if math.isinf(times):
+                return f"rotor {rotor_hz:.1f} Hz, and the model only integrates"
             close = ": averaging over a revolution does not hold" if check.passed is False else ""
             return f"rotor {rotor_hz:.1f} Hz, {times:.1f} times the highest mode{close}"
         case FewChirps():
@@ -55,6 +59,8 @@ def check_text(check: Check) -> str:
             paper = f"paper {PAPER_FREQUENCY_CHANGE_PERCENT} and {PAPER_DAMPING_CHANGE_PERCENT} %"
             differ = f"differ by {frequency:.1f} % in natural frequency, {damping:.1f} % in damping"
             return f"{sets} sets of runs {differ} ({paper})"
+        case NoModes():
+            return "the model only integrates"
         case NothingFree():
             return "no parameter is free in every set of runs"
         case ParametersMoved(moved, of, limit, largest):

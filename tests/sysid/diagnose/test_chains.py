@@ -15,6 +15,7 @@ from planted_fits import records
 from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
 from sysid.diagnose import chains, confidence, fitted_chains, left_by_one, shares, verdict
+from sysid.diagnose import diagnose as asking
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import _under, diagnose
 from sysid.diagnose.fitted_chains import price
@@ -222,3 +223,29 @@ def test_a_refit_is_dearer_where_more_has_to_be_simulated() -> None:
     ]
     assert prices == sorted(prices)
     assert len(set(prices)) == 4
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    ("where", "work", "pressed", "pairs"), [(fitted_chains.FittedChains, "best", 1, 1), (asking, "_best_first", 2, 0)]
+)
+def test_ctrl_c_between_two_refits_keeps_what_was_found(
+    flight: list[Record], monkeypatch: pytest.MonkeyPatch, where: Any, work: str, pressed: int, pairs: int
+) -> None:
+    done, count = getattr(where, work), 0
+
+    def interrupted(*args: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count == pressed:
+            raise KeyboardInterrupt
+        return done.fget(*args) if isinstance(done, property) else done(*args)
+
+    monkeypatch.setattr(where, work, property(interrupted) if isinstance(done, property) else interrupted)
+    found = asked(flight)
+    assert count >= pressed
+    assert len(found.pairs) == pairs
+    assert [one for one in found.candidates if one.fit is not None]
+    assert isinstance(found.unsearched, BudgetSpent)
+    assert found.unsearched.interrupted

@@ -17,7 +17,7 @@ from sysid.fit import gauss_newton
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import NormalEquations, bounded_step, moved
 from sysid.fit.identify import on_runs
-from sysid.fit.rows import smooth
+from sysid.fit.rows import smoothed_spectrum
 
 
 def equations(J: np.ndarray, e: np.ndarray) -> NormalEquations:
@@ -102,11 +102,11 @@ def test_the_spread_under_coloured_residuals_is_worked_out_once(monkeypatch: pyt
     on = dataset(flight, (0.0, 15.0))
     asked: list[int] = []
 
-    def counted(values: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
+    def counted(left: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
         asked.append(frequency_hz.size)
-        return smooth(values, frequency_hz)
+        return smoothed_spectrum(left, frequency_hz)
 
-    monkeypatch.setattr(estimate_module, "smooth", counted)
+    monkeypatch.setattr(estimate_module, "smoothed_spectrum", counted)
     structure = on_runs("tpp", [], flight, flight)
     found = estimate(structure, on.viewed(structure.inputs), weights="constant")
     assert found.instrument == "excitation logged"

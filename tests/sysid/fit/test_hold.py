@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import planted
@@ -16,11 +17,14 @@ from sysid.data.dataset import prepared
 from sysid.data.record import BY_THE_RUNS, Record
 from sysid.diagnose.clocks import clocks
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import candidate
+from sysid.diagnose.thinned import as_held, by_a_usual_loop
+from sysid.errors import FitError
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.checks import fit_checks
-from sysid.fit.clocks import early_commands, hold_beside, untold_sample_s
+from sysid.fit.clocks import early_commands, found_hold, hold_beside, untold_sample_s
 from sysid.fit.estimate import estimate
-from sysid.fit.identify import identify
+from sysid.fit.identify import _Climb, identify
 from sysid.fit.result import Fit
 from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
@@ -292,3 +296,31 @@ def test_a_record_keeps_its_loop(tmp_path: Path) -> None:
     again = Record.load(path)
     assert (again.loop_dt_s, again.loop_told_by) == (LOOP_S, "profile")
     assert again.window(2.0, 5.0).loop_dt_s == LOOP_S
+
+
+def test_runs_that_another_hold_does_not_determine_stay_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = prepared(logged(flown(), 5, None), BAND)
+    bins = runs.viewed(TPP.inputs, TPP.outputs)
+    fit = estimate(TPP, bins)
+    assert found_hold(fit.model, runs, None, lambda *_: fit.model) is not None
+
+    def refused(*_: object) -> Any:
+        raise FitError("the data do not determine the model")
+
+    assert found_hold(fit.model, runs, None, refused) is None
+    parent = candidate(fit, (), runs)
+    assert as_held(parent, {}, refused) == (parent, None, None)
+    assert by_a_usual_loop(parent, refused) is None
+    climb, asked = _Climb.to_the_top, 0
+
+    def once(*args: Any) -> Any:
+        nonlocal asked
+        asked += 1
+        return climb(*args) if asked == 1 else refused()
+
+    before = identify(TPP, runs, band_hz=BAND)
+    monkeypatch.setattr(_Climb, "to_the_top", once)
+    after = identify(TPP, runs, band_hz=BAND)
+    assert asked == 2
+    assert before.found_loop_s is not None
+    assert after.found_loop_s is None

@@ -10,7 +10,7 @@ from planted_fits import records
 from sysid.data.dataset import Bins, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.estimate import estimate
-from sysid.fit.noise import divide
+from sysid.fit.noise import _Layout, _Span, divide
 from sysid.fit.output_error import output_error
 from sysid.model.compose import compose
 from sysid.model.paper import TPP
@@ -80,3 +80,20 @@ def test_noise_keeps_the_spectrum_that_was_flown() -> None:
         expected.append(np.real(np.diag(answer @ np.diag(density) @ answer.conj().T)))
     measured = np.real(np.einsum("fkk->fk", found.at(frequency))) * 0.002 / 2
     np.testing.assert_allclose(measured, np.array(expected), rtol=0.45)
+
+
+def test_a_draw_that_was_interrupted_is_made_again_the_same(
+    clean: list[list[Run]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bins = prepared(records(clean[0]), DEFAULT_BAND_HZ).viewed(TPP.inputs, TPP.outputs)
+    once, again = (_Layout.of(bins.stacks, bins.causes(COMMANDS), 0.5) for _ in range(2))
+    made = _Span.of
+
+    def ended(*_: object) -> _Span:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_Span, "of", ended)
+    with pytest.raises(KeyboardInterrupt):
+        next(again.late())
+    monkeypatch.setattr(_Span, "of", made)
+    assert np.array_equal(next(again.late()).basis, next(once.late()).basis)

@@ -106,3 +106,26 @@ def test_the_helicopter_s_pitch_sweep_alone_finds_the_better_valley(shared_data:
     assert late.stable
     assert min(late.nrmse_percent.values()) > 98
     assert late.model["T_d"] == pytest.approx(0.0508, rel=0.01)
+
+
+def test_what_would_be_held_beyond_a_bound_is_left(bins: Bins) -> None:
+    """A delay that goes with an unstable pole, by 2 of its own errors below zero."""
+    late = compose("tpp", ["transport_delay"])
+    found = estimate(late, bins, Model(TPP, estimate(TPP, bins).model.values))
+    delay, pole = late.names.index("T_d"), late.names.index("A_b")
+    for times in np.linspace(-1.0, -2.0, 200):
+        values = found.model.values * np.where(np.array(late.names) == "A_b", times, 1.0)
+        if not Model(late, values).stable:
+            break
+    values[delay] = 1e-5
+    _, slopes = largest_pole(Model(late, values))
+    assert slopes is not None
+    covariance = np.diag(np.where(np.arange(values.size) == pole, 10.0 * values[pole] ** 2, 1e-12))
+    covariance[delay, delay] = 1e-4
+    covariance[delay, pole] = covariance[pole, delay] = (
+        0.9 * np.sign(slopes[pole]) * np.sqrt(covariance[delay, delay] * covariance[pole, pole])
+    )
+    free = replace(found, model=Model(late, values), covariance=covariance)
+    low, high = late.bounds
+    settled = settle(free, bins, {}).estimate.model.values
+    assert np.all((settled >= low) & (settled <= high))

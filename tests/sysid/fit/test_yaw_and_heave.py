@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from more_of_a_kind import thorough
 from scipy.signal import cont2discrete, lfilter
 
 import sysid
+from gcs.analysis.text.checks import check_text
 from sysid.data.airframe import Airframe
 from sysid.data.record import FloatArray, Record
 from sysid.errors import FitError
+from sysid.fit.check_kinds import NoModes
+from sysid.fit.checks import _agreement, fit_checks
 from sysid.model.base import find_base, on_axes
 
 DT = 0.004
@@ -152,3 +157,13 @@ def test_a_lead_beyond_the_damping_s_time_is_found(damping: float, gain: float, 
     fit = sysid.fit_model([run], "multirotor_yaw", band_hz=BAND_HZ)
     found = [fit.model[name] for name in ("N_r", "N_ped", "T_r", "tau_m")]
     assert found == pytest.approx([-damping, gain, lead_s, lag_s], rel=0.2)
+
+
+def test_a_vehicle_that_only_integrates_has_no_mode_to_check() -> None:
+    run = flown("delta_r", "r", [50.0], [1.0, 0.0], seed=9)
+    spun = replace(run, channels={**run.channels, "omega": np.full(T.size, 170.0)})
+    fit = sysid.fit_model([spun], "yaw", band_hz=BAND_HZ, fixed={"N_r": 0.0})
+    checks, _ = fit_checks(fit.model, [spun], BAND_HZ, fit.fixed)
+    told = {one.name: (one.passed, check_text(one)) for one in checks}
+    assert told["below the rotor"] == (True, "rotor 27.1 Hz, and the model only integrates")
+    assert _agreement([fit.model, fit.model]).finding == NoModes()
