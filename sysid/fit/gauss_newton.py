@@ -22,7 +22,7 @@ from sysid.model.response import Ends
 from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
 SETTLED = 0.02
-"""Relative change of residual power from which on the outputs are weighed anew."""
+"""Relative difference of residual power to the one given, from which on the outputs are weighed by their own."""
 MAXIMUM_STEPS = 60
 MAXIMUM_STEPS_IN_TIME = 15
 """The same where every step takes simulations; most end after 4 to 12."""
@@ -129,10 +129,10 @@ def minimise(
 ) -> tuple[Model, FloatArray]:
     """Gauss-Newton with step halving and hard bounds on sum log(residual power) over the outputs.
 
-    After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. With
-    `spectral` weights (k, k, bins) for every stack it is the weighted power that falls, and they stay; they make it
-    about one at the beginning. `held` parameters stay. It ends where a step promises, or brings, less than `tolerance`
-    of that sum. Returns the model and its residual power.
+    Outputs are weighed by what was left of them where the last step began; by `power` (k,) at first, or by what is left
+    there if that is another. With `spectral` weights (k, k, bins) for every stack it is the weighted power that falls,
+    and they stay; they make it about one at the beginning. `held` parameters stay. It ends where a step promises, or
+    brings, less than `tolerance` of that sum. Returns the model and its residual power.
     """
     structure = model.structure
     low, high = structure.bounds
@@ -140,12 +140,12 @@ def minimise(
     values = np.clip(model.values, low, high)
     weights: Sequence[AnyArray] = axis_weights(stacks, power) if spectral is None else spectral
     equations = partial(normal_equations, structure, stacks=stacks, of=np.flatnonzero(movable).tolist())
-    here, weighed_by = equations(values, weights=weights, full=True), power
+    here = equations(values, weights=weights, full=True)
+    if spectral is None and not np.allclose(power, here.power, rtol=SETTLED):
+        weights = axis_weights(stacks, here.power)
+        here = equations(values, weights=weights, full=True, ends=here.ends)
     poor, patience = 0, PATIENCE if linear_dynamics(structure) else PATIENCE_IN_TIME
     for _ in range(steps if linear_dynamics(structure) else min(steps, MAXIMUM_STEPS_IN_TIME)):
-        if spectral is None and not np.allclose(weighed_by, here.power, rtol=SETTLED):
-            weights = axis_weights(stacks, here.power)
-            here, weighed_by = equations(values, weights=weights, full=True, ends=here.ends), here.power
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
@@ -160,7 +160,6 @@ def minimise(
             break
         before = here.cost
         values, here = reached
-        weighed_by = here.power
         poor = poor + 1 if before - here.cost < KEPT * promise else 0
         if before - here.cost < tolerance or poor == patience:
             break
