@@ -113,8 +113,8 @@ def best_values(
 ) -> Estimate:
     """As `estimate`, also where what commands do is known only vaguely: what the model lacks may make it so.
 
-    Without a parent or an excitation logged it is fitted once more from the base's stable point where the data do not
-    determine it: in a loop least squares may run away to where commands follow from rates, whatever the vehicle does.
+    Without a parent it is fitted once more from the base's stable point where the data do not determine it: in a loop,
+    or in strong gusts, least squares may run away to where commands follow from rates, whatever the vehicle does.
     """
     fixed = dict(fixed or {})
     unknown = [name for name in fixed if name not in structure.names]
@@ -127,8 +127,6 @@ def best_values(
     try:
         return _grown(structure, bins, begin, fixed, weights)
     except FitError:
-        if bins.instruments(structure.commands) is not None:
-            raise
         stable = Model(structure.bare, np.array(structure.base_.uncoupled, dtype=float))
         with suppress(FitError, RelaxationError, np.linalg.LinAlgError):  # what was wrong first is told
             again = _grown(structure, bins, stable, fixed, weights)

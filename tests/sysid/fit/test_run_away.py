@@ -1,10 +1,12 @@
-"""In a strong loop whose excitation is not logged least squares may run away, to where commands follow from rates."""
+"""In a strong loop, or in strong gusts, least squares may run away, to where commands follow from rates."""
 
 from __future__ import annotations
 
 import pytest
-from strangers.flights import Stranger
+from strangers.asking import fitted_runs
+from strangers.flights import Stranger, fly
 
+from sysid.data.band import swept_band
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.errors import FitError
@@ -13,6 +15,8 @@ from sysid.fit.identify import identify, on_runs
 
 SEED = 4100050
 """Of the 90 kg class: 10.9 s chirps in gusts of 3.4 times the usual size, and a drift that shows 70 times."""
+QUADROTOR = 4110878
+"""Its motors lag by 31 ms, and its excitation is logged: two chirps of 14.5 s in gusts of three times the usual size."""
 
 
 def test_it_is_fitted_from_a_stable_point_then(flown: Stranger, runs: list[Record]) -> None:
@@ -21,6 +25,19 @@ def test_it_is_fitted_from_a_stable_point_then(flown: Stranger, runs: list[Recor
     truth = flown.plan.vehicle.table
     for name in ("L_b", "M_a", "tau_f"):
         assert fit.model[name] == pytest.approx(truth[name], rel=0.05)
+
+
+def test_nor_need_it_end_there_where_the_excitation_is_logged() -> None:
+    flown = fly(QUADROTOR)
+    runs, swept = fitted_runs(flown), swept_band(fitted_runs(flown))
+    assert swept is not None
+    found = diagnose(on_runs("cd", (), runs, runs), runs, band_hz=swept.hz, chains=False)
+    assert found.verdict == "missing"
+    assert "motor_lag" in (found.effect, *found.indistinguishable, *found.equivalent.get(str(found.effect), ()))
+    assert found.winner is not None
+    assert found.winner.fit is not None
+    fitted = found.winner.fit.model
+    assert fitted["tau_m"] == pytest.approx(flown.hidden.sizes[0]["tau_m"], rel=0.1)
 
 
 @pytest.mark.thorough
