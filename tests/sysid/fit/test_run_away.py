@@ -16,7 +16,7 @@ from sysid.fit.identify import identify, on_runs
 SEED = 4100050
 """Of the 90 kg class: 10.9 s chirps in gusts of 3.4 times the usual size, and a drift that shows 70 times."""
 QUADROTOR = 4110878
-"""Its motors lag by 31 ms, and its excitation is logged: two chirps of 14.5 s in gusts of three times the usual size."""
+"""Its motors lag by 31 ms, and its excitation is logged: two chirps of 14.5 s in gusts of three times the usual."""
 
 
 def test_it_is_fitted_from_a_stable_point_then(flown: Stranger, runs: list[Record]) -> None:
