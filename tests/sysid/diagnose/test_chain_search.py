@@ -29,7 +29,7 @@ def scored(name: str, chi_squared: float) -> Ranked:
 
 
 def alone(name: str, chi_squared: float, implausible: tuple[str, ...] = ()) -> Ranked:
-    fit = cast("Any", object())
+    fit = cast("Any", SimpleNamespace(model=SimpleNamespace(structure=SimpleNamespace(linear=True))))
     return Ranked(
         effects=(name,), score=None, not_testable=None, fit=fit, chi_squared=chi_squared, implausible=implausible
     )
