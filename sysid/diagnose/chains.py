@@ -49,8 +49,8 @@ NEARLY_ALL = 0.9
 looked for all the same, beside it: in four searches that gave up with the right chain of two not fitted 1.03 to 1.1; of
 13 of what the catalogue does not have one more than 0.85."""
 AS_WELL = 0.9
-"""Of what something that is not linear explains alone, that something linear does for chains to be begun with it: limits
-of acceleration stood for lags, and a square of the rates for their damping. (Of 10,040 strangers this is so in the
+"""Of what something not linear explains alone, that something linear does for chains to be begun with it: limits of
+acceleration stood for lags, and a square of the rates for their damping. (Of 10,040 strangers this is so in the
 searches of 18; ten hid two effects, of which three had not been found.)"""
 SURELY_BESIDE = 30.0
 """Chi squared that an effect scores beside one that leaves crumbs by power, no excitation logged, to be looked for
@@ -304,8 +304,8 @@ class _Chains(ExchangedHalves):
         return True
 
     def held_its_promise(self, first: Ranked, second: Ranked) -> bool:
-        """Whether a chain explains, beyond its first effect, half of what the second's score promised, as what is linear
-        does: a limit far from where it was scored may turn out to be none."""
+        """Whether a chain explains, beyond its first effect, half of what the second's score promised, as linear ones
+        do: a limit far from where it was scored may turn out to be none."""
         both = self.found.get(names_of(first.effect, second.effect))
         if both is None or both.fit is None or second.score is None or both.fit.model.structure.linear:
             return True
