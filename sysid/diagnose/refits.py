@@ -106,9 +106,9 @@ class _Order:
     def fit_on_samples(self) -> None:
         """Where the best acts on samples, all else that does: their scores go by a few sizes only, and a dead band of
         0.044 with a score of 93 at 0.05 explained 327, where a play had a score of 160 and explained 234."""
-        asked = [one for one, _ in self.slow if _on_samples(one)]
+        asked = [one for one, _ in self.slow if acts_on_samples(one)]
         waiting = [one for one in asked if one.effects not in self.found]
-        if 0 < len(waiting) < len(asked) and _on_samples(max(self.found.values(), key=self._explained)):
+        if 0 < len(waiting) < len(asked) and acts_on_samples(max(self.found.values(), key=self._explained)):
             for one in waiting:
                 self.fit(one)
 
@@ -175,7 +175,7 @@ class _Order:
 
 
 def _price(one: Ranked) -> float:
-    return PRICES["linear" if _quick(one) else "samples" if _on_samples(one) else "in time"]
+    return PRICES["linear" if _quick(one) else "samples" if acts_on_samples(one) else "in time"]
 
 
 def _avoidable(best: Candidate, parent: Candidate) -> float:
@@ -215,7 +215,8 @@ def _quick(one: Ranked) -> bool:
     return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
 
 
-def _on_samples(one: Ranked) -> bool:
+def acts_on_samples(one: Ranked) -> bool:
+    """Whether it is an entry of the catalogue that acts on samples of the commands."""
     known = catalogue()
     return one.effect in known and known[one.effect].samples is not None
 

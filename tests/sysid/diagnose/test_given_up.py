@@ -174,3 +174,28 @@ def test_what_explains_enough_by_power_is_begun_with_before_the_search_gives_up(
 @pytest.mark.parametrize(("seed", "both"), [(NO_TETHER, BOTH[0]), (TIED_AND_LATE, BOTH[1])])
 def test_two_are_found_behind_one_that_alone_explains_more(seed: int, both: set[str]) -> None:
     assert set(ask(fly(seed)).first.chain) == both
+
+
+@pytest.mark.parametrize(
+    ("second", "scores", "measured", "tried"),
+    [
+        ("servo_deadband", 70.0, True, True),
+        ("servo_deadband", 50.0, True, False),
+        ("servo_deadband", 70.0, False, False),
+        ("stabiliser_bar", 70.0, True, False),
+    ],
+)
+def test_what_acts_on_samples_is_tried_where_it_scores_half_of_the_best(
+    second: str, scores: float, measured: bool, tried: bool
+) -> None:
+    """Beside a hub a tether explained 113 more; a dead band scored 70, and explained 165."""
+    hub, tether = alone("hub_gyroscopics", 730.0), alone("", 843.0)
+    parent = SimpleNamespace(division=SimpleNamespace(measured=measured))
+    search = search_with(
+        found={("attitude_stiffness", "hub_gyroscopics"): tether},
+        alone={"hub_gyroscopics": hub},
+        answered=False,
+        reference=SimpleNamespace(parent=parent),
+    )
+    score = Score(effect=second, chi_squared=scores, degrees=1, tried=1, at={}, errors={})
+    assert search.promising(hub, Ranked(effects=(second,), score=score, not_testable=None)) == tried
