@@ -158,11 +158,9 @@ class _Chains(ExchangedHalves):
     def search(self, able: Sequence[Ranked]) -> bool:
         """Begin with the best of the able, then with the halves of the best chain; False where the very best alone
         leaves noise."""
-        waiting, done = _different(able), set[str]()
-        # what only stands in may be far from any half: what is plausible and explains nearly as much is begun with
-        begin = next((one for one in waiting if not impossible(one) and as_much(one, able[0])), able[0])
-        begin = _linear_for(begin, able)
-        waiting = [begin, *(one for one in waiting if one is not begin)]
+        different, done = _different(able), set[str]()
+        begin = _begun_with(different, able)
+        waiting = _first_of(begin, different)
         hopeful = HOPEFUL if self.measured else HOPEFUL_IN_A_LOOP
         while waiting and len(done) < MOST_FIRSTS:
             first = waiting.pop(0)
@@ -172,12 +170,12 @@ class _Chains(ExchangedHalves):
                     return False
                 continue
             if self.found and first is begin and not self.goes_on(done, waiting, hopeful):
-                if begin.implausible and (other := _enough_by_power(waiting)) is not None:
-                    begin = other
-                    waiting = [begin, *(one for one in waiting if one is not begin)]
-                    continue
-                self.given_up = MuchLeft(self.best.effects, _explained(self.best))
-                return True
+                other = _enough_by_power(begin, waiting)
+                if other is None:
+                    self.given_up = MuchLeft(self.best.effects, _explained(self.best))
+                    return True
+                begin, waiting = other, _first_of(other, waiting)
+                continue
             if self.found and self.leaves_noise(self.best):
                 break
             if not waiting and self.found:
@@ -357,6 +355,17 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
     return chosen
 
 
+def _begun_with(different: Sequence[Ranked], able: Sequence[Ranked]) -> Ranked:
+    """The best of the able; where it only stands in, and may be far from any half, what is plausible and explains
+    nearly as much."""
+    plausible = (one for one in different if not impossible(one) and as_much(one, able[0]))
+    return _linear_for(next(plausible, able[0]), able)
+
+
+def _first_of(one: Ranked, waiting: Sequence[Ranked]) -> list[Ranked]:
+    return [one, *(other for other in waiting if other is not one)]
+
+
 def _linear_for(one: Ranked, able: Sequence[Ranked]) -> Ranked:
     """What is linear and explains as much alone, of no doubtful values, where this one is not: beside it many more can
     be fitted for the same price."""
@@ -371,9 +380,11 @@ def _linear(one: Ranked) -> bool:
     return one.fit.model.structure.linear
 
 
-def _enough_by_power(waiting: Sequence[Ranked]) -> Ranked | None:
-    """What is plausible and explains alone nearly all that can be explained, by power."""
-    return next((one for one in waiting if not one.implausible and (one.explained_share or 0.0) >= NEARLY_ALL), None)
+def _enough_by_power(begun: Ranked, waiting: Sequence[Ranked]) -> Ranked | None:
+    """What is plausible and explains alone nearly all that can be explained, by power, where what was begun with is no
+    answer in free flight."""
+    enough = (one for one in waiting if not one.implausible and (one.explained_share or 0.0) >= NEARLY_ALL)
+    return next(enough, None) if begun.implausible else None
 
 
 def _explained(chain: Ranked) -> float:

@@ -45,10 +45,7 @@ def check_text(check: Check) -> str:
         case RotorUnknown():
             return "rotor speed not logged: compare the modes with it by hand"
         case RotorAbove(rotor_hz, times):
-            if math.isinf(times):
-                return f"rotor {rotor_hz:.1f} Hz, and the model only integrates"
-            close = ": averaging over a revolution does not hold" if check.passed is False else ""
-            return f"rotor {rotor_hz:.1f} Hz, {times:.1f} times the highest mode{close}"
+            return _rotor_text(rotor_hz, times, check.passed)
         case FewChirps():
             return "needs two chirps on each axis: fly each twice"
         case SetRefused(refusal):
@@ -105,3 +102,10 @@ def _moves_text(finding: LowEdgeMoves) -> str:
     if finding.instrumented:
         return f"{shown}{more} {where}: something is missing at low frequencies"
     return f"{shown}{more} {where}: feedback biases the fit; log the excitation, or raise the band's low edge"
+
+
+def _rotor_text(rotor_hz: float, times: float, passed: bool | None) -> str:
+    if math.isinf(times):
+        return f"rotor {rotor_hz:.1f} Hz, and the model only integrates"
+    close = ": averaging over a revolution does not hold" if passed is False else ""
+    return f"rotor {rotor_hz:.1f} Hz, {times:.1f} times the highest mode{close}"

@@ -350,7 +350,7 @@ def test_what_is_dear_is_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = [scored("quadratic_damping", 300.0), scored("speed_stability", 200.0)]
     search = search_of(False, first)
     whitening = cast("Any", object())
-    search.reference = cast("Any", SimpleNamespace(whitening=whitening, users=()))
+    search.reference = cast("Any", SimpleNamespace(whitening=whitening, users=(), parent=search.reference.parent))
     begun = SimpleNamespace(asked_in=lambda _: None, division=None)
     first = replace(first, fit=cast("Any", begun))
     dear = {"quadratic_damping": fitted_chains.DEAR}

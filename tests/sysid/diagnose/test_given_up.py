@@ -166,8 +166,9 @@ def test_a_limit_that_breaks_its_promise_ends_no_search(
 def test_what_explains_enough_by_power_is_begun_with_before_the_search_gives_up() -> None:
     tether = replace(alone("attitude_stiffness", 90.0), implausible=("L_phi",), explained_share=0.95)
     little, play = (replace(alone(*one), explained_share=share) for one, share in ENOUGH)
-    assert chains._enough_by_power([tether, little, play]) is play
-    assert chains._enough_by_power([tether, little]) is None
+    assert chains._enough_by_power(tether, [little, play]) is play
+    assert chains._enough_by_power(tether, [tether, little]) is None
+    assert chains._enough_by_power(little, [play]) is None
 
 
 @pytest.mark.thorough
