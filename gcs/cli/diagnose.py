@@ -51,13 +51,12 @@ where that is a guess and hardly more than chance, or with --matters.
 Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
 removes at least 90 % of the avoidable error (80 % where no excitation is logged), half of it on validation runs, chance
 taken off, at plausible values; by the noise's spectrum, where 70 % are removed or gusts leave the power uncertain;
-"unexplained",
-there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
-allow "stands in" for something else (a moment back to level does so in free flight, and is the answer on a tether); one
-whose size is another on the validation runs only resembles what is there. The reason "feedback" says that no excitation
-is logged and that the loop alone could make what is left, or noise flown with chirps in a log that lost samples of it:
-no alarm. With --repeat the effect is added and the question asked again, until the answer is another one or is not
-sure; -o keeps the fit with all that was found.
+"unexplained", there is something, and nothing in the catalogue does it. An effect that explains it at values that
+physics does not allow "stands in" for something else (a moment back to level does so in free flight, and is the answer
+on a tether); one whose size is another on the validation runs only resembles what is there. The reason "feedback" says
+that no excitation is logged and that the loop alone could make what is left, or noise flown with chirps in a log that
+lost samples of it: no alarm. With --repeat the effect is added and the question asked again, until the answer is
+another one or is not sure; -o keeps the fit with all that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often

@@ -32,6 +32,12 @@ if TYPE_CHECKING:
     from sysid.model.base import Base
     from sysid.model.effect import Effect
 
+_RUNS_HELP = """\
+RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` numbers them), or a
+record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run; so is a measured frequency response
+of each command (CSV, .mat, .json of `tippath response`, CIFER's).
+
+"""
 _VEHICLE_HELP = """\
 VEHICLE.toml holds what was measured on the ground, in SI units; only k_beta is needed:
   k_beta = 88.0     # spring of the rotor against tilt, N m/rad
@@ -71,10 +77,7 @@ def add_parser(subparsers: Any) -> None:
         "fit",
         help="fit a model to runs",
         description="Fit the Tip-Path-Plane (tpp), Cylinder-Dynamics (cd) or another model to several runs together.",
-        epilog="RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` "
-        "numbers them), or a record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run;\n"
-        "so is a measured frequency response of each command (CSV, .mat, .json of `tippath response`, CIFER's).\n\n"
-        + _VEHICLE_HELP,
+        epilog=_RUNS_HELP + _VEHICLE_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("runs", nargs="+", metavar="RUN")
