@@ -25,10 +25,10 @@ def whitener_of(spectrum: ComplexArray) -> ComplexArray:
     return np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(spectrum)))
 
 
-def weighed(weight: AnyArray, columns: ComplexArray, out: ComplexArray | None = None) -> ComplexArray:
+def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
     """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a matrix for each bin,
     (k, k, bins)."""
-    return weighing(weight)(columns, np.empty(columns.shape, dtype=complex) if out is None else out)
+    return weighing(weight)(columns, np.empty(columns.shape, dtype=complex))
 
 
 def weighing(weight: AnyArray) -> Callable[[ComplexArray, ComplexArray], ComplexArray]:

@@ -102,10 +102,10 @@ def fitted_runs(stranger: Stranger) -> list[Record]:
     return records(stranger)[: stranger.plan.fitted]
 
 
-def ask_runs(runs: Sequence[Record], chains: bool = False) -> Diagnosis:
-    """What is said of runs of a helicopter, all of them fitted and none to judge, by the band that they sweep."""
+def ask_runs(runs: Sequence[Record], chains: bool = False, base: str = "tpp") -> Diagnosis:
+    """What is said of runs, all of them fitted and none to judge, by the band that they sweep."""
     swept = swept_band(runs) or USUAL
-    return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=chains)
+    return diagnose(on_runs(base, (), runs, runs), runs, band_hz=swept.hz, chains=chains)
 
 
 def asked_with(

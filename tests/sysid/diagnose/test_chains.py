@@ -187,6 +187,19 @@ def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
     assert found.to_json()["unsearched_chains"]["reason"] == "budget"
 
 
+def pressing(done: Callable[..., Any], at: int) -> tuple[Callable[..., Any], list[int]]:
+    """The same work, Ctrl-C pressed when it is done for that time; and a number for every time that it was."""
+    times: list[int] = []
+
+    def interrupted(*args: Any) -> Any:
+        times.append(len(times) + 1)
+        if times[-1] == at:
+            raise KeyboardInterrupt
+        return done(*args)
+
+    return interrupted, times
+
+
 @EFFECTS
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize(
@@ -195,19 +208,11 @@ def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
 def test_ctrl_c_ends_the_search_and_keeps_what_was_found(
     flight: list[Record], monkeypatch: pytest.MonkeyPatch, work: str, pressed: int, pairs: int
 ) -> None:
-    done, count = getattr(fitted_chains, work), 0
-
-    def interrupted(*args: Any) -> Any:
-        nonlocal count
-        count += 1
-        if count == pressed:
-            raise KeyboardInterrupt
-        return done(*args)
-
+    interrupted, times = pressing(getattr(fitted_chains, work), pressed)
     monkeypatch.setattr(fitted_chains, work, interrupted)
     monkeypatch.setattr(chains._Chains, "leaves_noise", lambda *_: False)  # it goes on after the first chain
     found = asked(flight)
-    assert count == pressed, "nothing more is tried"
+    assert len(times) == pressed, "nothing more is tried"
     assert len(found.pairs) == pairs
     assert len([one for one in found.candidates if one.fit is not None]) >= 2
     assert isinstance(found.unsearched, BudgetSpent)
@@ -233,18 +238,12 @@ def test_a_refit_is_dearer_where_more_has_to_be_simulated() -> None:
 def test_ctrl_c_between_two_refits_keeps_what_was_found(
     flight: list[Record], monkeypatch: pytest.MonkeyPatch, where: Any, work: str, pressed: int, pairs: int
 ) -> None:
-    done, count = getattr(where, work), 0
-
-    def interrupted(*args: Any) -> Any:
-        nonlocal count
-        count += 1
-        if count == pressed:
-            raise KeyboardInterrupt
-        return done.fget(*args) if isinstance(done, property) else done(*args)
-
-    monkeypatch.setattr(where, work, property(interrupted) if isinstance(done, property) else interrupted)
+    done = getattr(where, work)
+    read = isinstance(done, property)
+    interrupted, times = pressing(done.fget if read else done, pressed)
+    monkeypatch.setattr(where, work, property(interrupted) if read else interrupted)
     found = asked(flight)
-    assert count >= pressed
+    assert len(times) >= pressed
     assert len(found.pairs) == pairs
     assert [one for one in found.candidates if one.fit is not None]
     assert isinstance(found.unsearched, BudgetSpent)

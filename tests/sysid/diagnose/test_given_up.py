@@ -24,8 +24,6 @@ NO_TETHER = 4110160
 promises most beside each and explains nothing."""
 TIED_AND_LATE = 4110381
 """Another's: late servos on a tether, where a limit of acceleration explains a little more than the lag."""
-
-
 ENOUGH = ((("sideslip", 80.0), 0.4), (("servo_backlash", 70.0), 0.97))
 BOTH = ({"servo_backlash", "dynamic_inflow"}, {"servo_lag", "attitude_stiffness"})
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from strangers.asking import fitted_runs
+from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import Stranger, fly
 
-from sysid.data.band import swept_band
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.errors import FitError
@@ -29,9 +28,7 @@ def test_it_is_fitted_from_a_stable_point_then(flown: Stranger, runs: list[Recor
 
 def test_nor_need_it_end_there_where_the_excitation_is_logged() -> None:
     flown = fly(QUADROTOR)
-    runs, swept = fitted_runs(flown), swept_band(fitted_runs(flown))
-    assert swept is not None
-    found = diagnose(on_runs("cd", (), runs, runs), runs, band_hz=swept.hz, chains=False)
+    found = ask_runs(fitted_runs(flown), base="cd")
     assert found.verdict == "missing"
     assert "motor_lag" in (found.effect, *found.indistinguishable, *found.equivalent.get(str(found.effect), ()))
     assert found.winner is not None
