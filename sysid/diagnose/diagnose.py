@@ -356,8 +356,21 @@ def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin
     if begin is not None:
         begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
     bins = on.viewed(structure.inputs)
-    found = best_values(structure, bins, begin, fixed, "constant")
+    try:
+        found = best_values(structure, bins, begin, fixed, "constant")
+    except FitError:
+        sizes = {} if begin is None else _sizes_without_slope(begin)
+        if not sizes:
+            raise
+        fixed = {**sizes, **fixed}
+        found = best_values(structure, bins, begin, fixed, "constant")
     return candidate(likeliest(found, on, bins, fixed), tuple(fixed), on)
+
+
+def _sizes_without_slope(begin: Model) -> dict[str, float]:
+    """Of what is not linear: of all power, mostly gusts', a limit that was added may be gone, and then no step finds
+    it again. It stays as it was fitted then."""
+    return {name: begin[name] for effect in begin.structure.composed if not effect.linear for name in effect.names}
 
 
 def _reference(

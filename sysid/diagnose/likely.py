@@ -48,6 +48,9 @@ ALIKE = 0.2
 BETWEEN_SAMPLES = 1 / 3
 """Of the answer's chi squared: what acts on samples and has so much is as good where a log lost some. 9 strange flights
 of play or a dead band, at 50 to 125 Hz, were named one of the two, 3 wrongly; then the right one had 0.39 to 0.88."""
+PERHAPS_BETWEEN_SAMPLES = 0.8
+"""The same where a log may have lost some, and does not tell: a play was named at 0.995 by every second command of a
+loop, where the dead band that was there had 0.86 of what that explained."""
 AT_AN_END = 0.75
 """Of the answer's chi squared, that a tether explains at least where that answer stands at an end of its range: of
 strangers that judgements had spent ten of ten that were named slipstream_wing, dynamic_inflow or speed_stability with
@@ -107,15 +110,19 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
 
 
 def where_samples_are_lost(
-    among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = ()
+    among: Class,
+    winner: Ranked,
+    singles: Sequence[Ranked],
+    chains: Sequence[Ranked] = (),
+    share: float = BETWEEN_SAMPLES,
 ) -> Class:
     """The class on a log that lost samples of the commands: what a play or a dead band makes of small commands hangs on
-    every one of them, so that neither is the truth on such a log, and the nearer need not be the right one. Nor is it
-    beside another half of a chain."""
+    every one of them, so that neither is the truth on such a log, and the nearer need not be the right one, from this
+    share of what it explains on. Nor is it beside another half of a chain."""
     if len(winner.effects) > 1:
-        others = [*_in_the_place_of_a_half(winner, singles, chains)]
+        others = [*_in_the_place_of_a_half(winner, among, singles, chains, share)]
     elif _on_samples(winner):
-        others = [(one, one.effect, BETWEEN_SAMPLES * winner.chi_squared) for one in singles if _on_samples(one)]
+        others = [(one, one.effect, share * winner.chi_squared) for one in singles if _on_samples(one)]
     else:
         return among
     known = among.named_with(winner)
@@ -134,19 +141,20 @@ def _of_use(among: Class, more: Sequence[str]) -> tuple[str, ...]:
 
 
 def _in_the_place_of_a_half(
-    winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked]
+    winner: Ranked, among: Class, singles: Sequence[Ranked], chains: Sequence[Ranked], share: float
 ) -> Iterator[tuple[Ranked, str, float]]:
     """Other chains that have, in the place of a half that acts on samples, another that does; its name, and chi squared
-    from which on it is as good, beside what the half that stays explains alone."""
+    from which on it is as good, beside what the half that stays, by whatever name, explains alone."""
     alone = {one.effect: one.chi_squared for one in singles if one.fit is not None}
     for half, other in (winner.effects, winner.effects[::-1]):
         if not _acts_on_samples(winner, half):
             continue
         kept = max(0.0, alone.get(other, 0.0))
-        least = kept + BETWEEN_SAMPLES * (winner.chi_squared - kept)
+        least = kept + share * (winner.chi_squared - kept)
+        stays = {other, *among.equivalent.get(other, ())}
         for one in chains:
-            name = next((each for each in one.effects if each not in winner.effects), None)
-            if name is not None and other in one.effects and _acts_on_samples(one, name):
+            name = next((each for each in one.effects if each not in {half, *stays}), None)
+            if name is not None and stays & set(one.effects) and _acts_on_samples(one, name):
                 yield one, name, least
 
 

@@ -33,6 +33,7 @@ from sysid.diagnose.confidence import (
 )
 from sysid.diagnose.evidence import Candidate, Stepped, gain, nrmse_percent
 from sysid.diagnose.likely import (
+    PERHAPS_BETWEEN_SAMPLES,
     SAME,
     Class,
     declared,
@@ -52,6 +53,7 @@ from sysid.diagnose.term_search import Selection, Term, select
 from sysid.diagnose.thinned import samples_lost
 from sysid.diagnose.unsearched import Unsearched
 from sysid.fit.check_kinds import CommandsThinned
+from sysid.fit.clocks import untold_sample_s
 from sysid.fit.noise import Division
 from sysid.fit.result import finite
 from sysid.fit.whitening import Whitening
@@ -365,7 +367,12 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     assert winner.fit is not None
     among = with_unasked(declared(winner, answers), winner, singles, pairs)
     among = with_tethers(with_twins(among, winner, singles), winner, singles)
-    return where_samples_are_lost(among, winner, singles, pairs) if samples_lost(winner.fit.dataset) else among
+    runs = winner.fit.dataset
+    if samples_lost(runs):
+        return where_samples_are_lost(among, winner, singles, pairs)
+    if untold_sample_s(runs) is not None:
+        return where_samples_are_lost(among, winner, singles, pairs, PERHAPS_BETWEEN_SAMPLES)
+    return among
 
 
 def _told(

@@ -141,6 +141,9 @@ def test_what_is_called_nothing_that_matters_is_counted_apart_and_only_where_it_
     flights = [spared, costly, harmful, named, answered("beyond", "unexplained")]
     assert "1 of 5" in line_of(flights, "not in the catalogue, and so said")
     assert "2 of 5" in line_of(flights, "or complete, and mattering little")
+    two = [Flight(one.said | {"hidden": 2 * one.hidden}) for one in flights]
+    assert "0 of 5" in line_of(two, "two at once, both found")
+    assert "1 of 5" in line_of(two, "or complete, and both mattering little")
 
 
 def test_a_tether_that_stands_in_for_itself_is_an_answer_and_another_that_does_is_none() -> None:

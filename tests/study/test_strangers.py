@@ -109,8 +109,8 @@ def test_what_the_base_makes_of_it_at_other_values_is_not_detectable() -> None:
 def test_of_two_that_make_the_same_neither_is_detectable_beside_the_other() -> None:
     ground = ground_of(planned(CLEAN, ("servo_lag",)))
     lag, late, coupled = (
-        ("servo_lag", {"tau_s": 0.01}),
-        ("gyro_lag", {"tau_g": 0.01}),
+        ("servo_lag", {"tau_s": 0.005}),
+        ("gyro_lag", {"tau_g": 0.005}),
         ("inertia_coupling", {"c_p": 0.03}),
     )
 
@@ -118,8 +118,29 @@ def test_of_two_that_make_the_same_neither_is_detectable_beside_the_other() -> N
         return Hidden(tuple(name for name, _ in some), tuple(size for _, size in some))
 
     for one, least, most in ((late, 0.0, 0.02), (coupled, 0.5, 2.0)):
-        alone, beside = ground.chi_squared(hiding(one)), ground.chi_squared(hiding(lag, one), hiding(lag))
+        alone, beside = ground.chi_squared(hiding(one)), ground.shown_beside(hiding(lag), hiding(lag, one))
         assert least * alone <= beside < most * alone
+
+
+def test_what_another_makes_of_it_at_a_size_far_from_its_own_is_not_detectable_beside_it() -> None:
+    """Against flights with that alone, at so many times its size."""
+    plan = planned(CLEAN, ("servo_lag",))
+    ground = ground_of(plan)
+    both = Hidden(("servo_lag", "transport_delay"), ({"tau_s": 0.01}, {"T_d": 0.03}))
+    effect = flown(plan.vehicle, both, ground.still, ground.loop)
+    commanded = replace(ground.still, excitation=effect.commands - ground.loop.trim_of(effect.commands))
+
+    def left(tau_s: float) -> float:
+        lag = Hidden(("servo_lag",), ({"tau_s": tau_s},))
+        answer = flown(plan.vehicle, lag, commanded, replace(ground.loop, closed=False))
+        wanted = (
+            np.fft.rfft(effect.measured - answer.measured, axis=0)[ground.bins] * np.sqrt(2 / ground.noise)[..., None]
+        )
+        return float(np.sum(np.abs(wanted) ** 2))
+
+    beside = ground.shown_beside(Hidden(("servo_lag",), ({"tau_s": 0.01},)), both)
+    assert beside < min(map(left, (0.02, 0.03, 0.04, 0.05, 0.06)))
+    assert beside < 0.1 * left(0.01)
 
 
 def test_lateness_that_an_untold_loop_leaves_open_is_not_detectable() -> None:

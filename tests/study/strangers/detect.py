@@ -6,15 +6,15 @@ band where the log has not every sample of the loop: noise on the excitation bet
 nobody knows it. What the base's own parameters could make of it, at the values where they make most, is taken away, and
 so is lateness of all commands that the log leaves open: where it does not tell its loop, commands held for a sample of
 the log act later than they did. The sum is chi squared, expected above the noise; DETECTABLE of it counts 1. Of two,
-each is measured beside the other: the vehicle with the other alone answers, and what slopes of the base and of the
-other's sizes could make is taken away.
+each is measured beside the other: the vehicle with the other alone answers, and what the base and the other's sizes
+could make, at the values where they make most, is taken away.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ A_LITTLE = 0.01
 """Of each parameter, to difference by."""
 MOVES = 60
 """Of the base's parameters, to where they make most of what is hidden."""
+MOVES_BESIDE, SETTLED, LEAST = 15, 1e-3, 0.01
+"""The same beside another effect, each of which flies once for every number; the gain in cost that is none; and of that
+effect's sizes how much there is of it at least."""
 HUGE = 1e9
 """What a base leaves that runs away, in units of noise."""
 
@@ -69,29 +72,23 @@ class Ground:
         smooth = np.stack([np.convolve(power[:, i], kernel, mode="same") for i in range(2)], axis=1)
         return cls(vehicle=vehicle, still=air.still, loop=loop, bins=inside, noise=smooth[inside], untold_s=untold_s)
 
-    def chi_squared(self, hidden: Hidden, known: Hidden = NOTHING) -> float:
-        """Of what is hidden, beyond what is `known` of it by name and what slopes of the base at the truth imitate:
-        sizes are drawn by it. Infinite where the vehicle does not hold."""
-        effect = flown(self.vehicle, hidden, self.still, self.loop)
-        if not effect.holds:
+    def chi_squared(self, hidden: Hidden) -> float:
+        """Of what is hidden, beyond what slopes of the base at the truth imitate: sizes are drawn by it. Infinite where
+        the vehicle does not hold."""
+        flight = self._flown(hidden)
+        if flight is None:
             return float("inf")
-        commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
-        openly = replace(self.loop, closed=False)
-        base = flown(self.vehicle, known, commanded, openly)
-        weight = np.sqrt(2 / self.noise)[..., None]
-        seen, expected = (np.fft.rfft(one.measured, axis=0)[self.bins] for one in (effect, base))
+        commanded, seen = flight
+        expected, weight = self.answered(self.vehicle, NOTHING, commanded), self.weight
         moved = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
         slopes = [
             np.einsum("kij,kjr->kir", slope, moved) * weight for slope in self._slopes(self.vehicle.table, self._little)
         ]
-        for other in _other_sizes(known):
-            answer = flown(self.vehicle, other, commanded, openly).measured
-            slopes.append(np.fft.rfft(answer - base.measured, axis=0)[self.bins] * weight)
         rows = np.stack([_real(one) for one in slopes], axis=1)
         own = np.linalg.qr(rows / (np.linalg.norm(rows, axis=0) + 1e-300))[0]
 
         def left(late_s: float) -> float:
-            wanted = _real((seen - np.exp(-self._s * late_s)[:, None, None] * expected) * weight)
+            wanted = _real((seen - self.late(late_s) * expected) * weight)
             return float(np.sum((wanted - own @ (own.T @ wanted)) ** 2))
 
         if not self.untold_s:
@@ -101,11 +98,10 @@ class Ground:
     def shown(self, hidden: Hidden) -> float:
         """Chi squared of what is hidden, beyond all that the base imitates, wherever its parameters have to go for it;
         infinite where the vehicle does not hold."""
-        effect = flown(self.vehicle, hidden, self.still, self.loop)
-        if not effect.holds:
+        flight = self._flown(hidden)
+        if flight is None:
             return float("inf")
-        commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
-        seen = np.fft.rfft(effect.measured, axis=0)[self.bins]
+        commanded, seen = flight
         here = np.zeros(len(self.vehicle.parameters))
         low, high = np.full(here.size, -np.inf), np.full(here.size, np.inf)
         if self.untold_s:
@@ -114,8 +110,8 @@ class Ground:
         @lru_cache(maxsize=2)
         def beside(moved: tuple[float, ...]) -> tuple[Array, Array]:
             with np.errstate(all="ignore"):  # a base that is not stable
-                left, slopes = self._beside(np.array(moved), seen, commanded)
-            return np.nan_to_num(left, nan=HUGE, posinf=HUGE, neginf=-HUGE), np.nan_to_num(slopes)
+                left, slopes = self.beside(np.array(moved), seen, commanded)
+            return _bounded(left), np.nan_to_num(slopes)
 
         found = least_squares(
             lambda x: beside(tuple(x.tolist()))[0],
@@ -127,22 +123,60 @@ class Ground:
         )
         return 2 * float(found.cost)
 
-    def _beside(self, moved: Array, seen: NDArray[np.complex128], commanded: Air) -> tuple[Array, Array]:
+    def shown_beside(self, known: Hidden, hidden: Hidden) -> float:
+        """The same of what is hidden, beyond all that the base with what is `known` of it by name imitates, wherever
+        those sizes have to go, too."""
+        flight = self._flown(hidden)
+        if flight is None:
+            return float("inf")
+        beside = _Beside(ground=self, known=known, commanded=flight[0], seen=flight[1])
+        return 2 * float(
+            least_squares(
+                beside.left,
+                beside.begin,
+                beside.slopes,
+                bounds=beside.bounds,
+                x_scale="jac",
+                ftol=SETTLED,
+                max_nfev=MOVES_BESIDE,
+            ).cost
+        )
+
+    def _flown(self, hidden: Hidden) -> tuple[Air, NDArray[np.complex128]] | None:
+        """The commands that its loop gives the vehicle with what is hidden, for its excitation, and the spectra
+        (bins, 2, runs) of what is seen of it; None where it does not hold."""
+        effect = flown(self.vehicle, hidden, self.still, self.loop)
+        if not effect.holds:
+            return None
+        commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
+        return commanded, np.fft.rfft(effect.measured, axis=0)[self.bins]
+
+    def answered(self, vehicle: Vehicle, known: Hidden, commanded: Air) -> NDArray[np.complex128]:
+        """What a vehicle answers to these commands, (bins, 2, runs)."""
+        answer = flown(vehicle, known, commanded, replace(self.loop, closed=False)).measured
+        return np.asarray(np.fft.rfft(answer, axis=0)[self.bins])
+
+    @property
+    def weight(self) -> Array:
+        """(bins, 2, 1): one over the noise."""
+        return np.sqrt(2 / self.noise)[..., None]
+
+    def late(self, late_s: float) -> NDArray[np.complex128]:
+        return np.exp(-self._s * late_s)[:, None, None]
+
+    def beside(self, moved: Array, seen: NDArray[np.complex128], commanded: Air) -> tuple[Array, Array]:
         """What the base, its parameters moved by so many times A_LITTLE, leaves of the rates seen (bins, 2, runs), in
         units of noise, (N,), at a share of the lateness that the log leaves open; and its derivatives (N, moved)."""
         table, little = dict(self.vehicle.table), self._little
         for name, step in zip(self.vehicle.parameters, moved.tolist(), strict=False):
             table[name] += step * little[name]
-        there, weight = replace(self.vehicle, table=table), np.sqrt(2 / self.noise)[..., None]
-        base = flown(there, NOTHING, commanded, replace(self.loop, closed=False)).measured
-        late_s = moved[-1] * self.untold_s if self.untold_s else 0.0
-        late = np.exp(-self._s * late_s)[:, None, None] * weight
-        expected = np.fft.rfft(base, axis=0)[self.bins] * late
+        late = self.late(moved[-1] * self.untold_s if self.untold_s else 0.0) * self.weight
+        expected = self.answered(replace(self.vehicle, table=table), NOTHING, commanded) * late
         command = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
         made = [np.einsum("kij,kjr->kir", slope, command) * late for slope in self._slopes(table, little)]
         if self.untold_s:
             made.append(-self.untold_s * self._s[:, None, None] * expected)
-        return _real(seen * weight - expected), -np.stack([_real(one) for one in made], axis=1)
+        return _real(seen * self.weight - expected), -np.stack([_real(one) for one in made], axis=1)
 
     @property
     def _s(self) -> NDArray[np.complex128]:
@@ -162,17 +196,70 @@ class Ground:
         return [_response({**table, name: table[name] + step}, s, dt) - here for name, step in little.items()]
 
 
-def _other_sizes(known: Hidden) -> list[Hidden]:
-    """Each size a little larger, those that are none left out."""
-    return [
-        replace(
-            known,
-            sizes=tuple({**each, name: (1 + A_LITTLE) * each[name]} if each is size else each for each in known.sizes),
-        )
-        for size in known.sizes
-        for name, value in size.items()
-        if value
-    ]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Beside:
+    """What the base with something known leaves of a flight, at so many times each of its numbers and of those sizes,
+    and one more of the lateness that the log leaves open."""
+
+    ground: Ground
+    known: Hidden
+    commanded: Air
+    seen: NDArray[np.complex128]
+
+    @property
+    def begin(self) -> Array:
+        return np.where(self.bounds[0] == 1.0, 1.5, 1.0)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        counts = len(self.ground.vehicle.parameters), len(self._own), bool(self.ground.untold_s)
+        low = np.repeat([-np.inf, LEAST, 1.0], counts)
+        return low, np.where(low == 1.0, 2.0, np.inf)
+
+    def left(self, scales: Array) -> Array:
+        """In units of noise, (N,)."""
+        ground, table, sizes = self.ground, dict(self.ground.vehicle.table), dict(self.known.sizes[0])
+        numbers = ground.vehicle.parameters
+        for name, scale in zip(numbers, scales, strict=False):
+            table[name] += (scale - 1) * (table[name] or 1.0)
+        for name, scale in zip(self._own, scales[len(numbers) :], strict=False):
+            sizes[name] *= scale
+        late = ground.late((scales[-1] - 1) * ground.untold_s)
+        with np.errstate(all="ignore"):  # a base that is not stable
+            there = replace(ground.vehicle, table=table)
+            expected = ground.answered(there, replace(self.known, sizes=(sizes,)), self.commanded)
+            return _bounded(_real((self.seen - late * expected) * ground.weight))
+
+    def slopes(self, scales: Array) -> Array:
+        """Derivatives (N, numbers); of what is not linear, which flies for minutes, those of the base alone, and its
+        own from where it begins."""
+        numbers = len(self.ground.vehicle.parameters)
+        if self.known.equations(self.ground.vehicle).nonlinear is None:
+            return self._differences(scales, range(scales.size))
+        moved = (scales[:numbers] - 1) / A_LITTLE
+        if self.ground.untold_s:
+            moved = np.append(moved, scales[-1] - 1)
+        with np.errstate(all="ignore"):
+            base = np.nan_to_num(self.ground.beside(moved, self.seen, self.commanded)[1])
+        return np.concatenate([base[:, :numbers] / A_LITTLE, self._own_slopes, base[:, numbers:]], axis=1)
+
+    @cached_property
+    def _own_slopes(self) -> Array:
+        numbers = len(self.ground.vehicle.parameters)
+        return self._differences(self.begin, range(numbers, numbers + len(self._own)))
+
+    def _differences(self, scales: Array, which: Iterable[int]) -> Array:
+        here = self.left(scales)
+        steps = [A_LITTLE * (np.arange(scales.size) == i) for i in which]
+        return np.stack([(self.left(scales + step) - here) / A_LITTLE for step in steps], axis=1)
+
+    @property
+    def _own(self) -> list[str]:
+        return [name for name, value in self.known.sizes[0].items() if value]
+
+
+def _bounded(left: Array) -> Array:
+    return np.nan_to_num(left, nan=HUGE, posinf=HUGE, neginf=-HUGE)
 
 
 def _folded(vehicle: Vehicle, air: Air, loop: Loop, bins: NDArray[np.intp], every: int) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -106,10 +107,14 @@ class Stranger:
 
     plan: Plan
     hidden: Hidden
-    detectability: float | None
-    """Times DETECTABLE; of two the smaller, each alone and beside the other; None where nothing is missing."""
     runs: tuple[Mapping[str, Array], ...]
     """The card's, channels (n,) under the contract's names."""
+
+    @cached_property
+    def detectability(self) -> float | None:
+        """Times DETECTABLE; of two the smaller, each alone and beside the other; None where nothing is missing."""
+        missing = self.hidden.names and not self.hidden.absorbed
+        return _detectability(ground_of(self.plan), self.hidden) if missing else None
 
     @property
     def dt(self) -> float:
@@ -210,20 +215,20 @@ def fly(seed: int, only: tuple[str, ...] = ()) -> Stranger:
         assert ground is not None
         sizes.append(_sized(plan, ground, name, plan.targets[i], draws[i]))
     hidden = Hidden(plan.names, tuple(sizes))
-    return as_planned(plan, hidden, air, None if ground is None else detectability(ground, hidden))
+    return as_planned(plan, hidden, air)
 
 
-def detectability(ground: Ground, hidden: Hidden) -> float:
-    """How well the flight shows what is hidden, in times of DETECTABLE; the less of two, each by itself and where the
-    other is known, as far as they fly together."""
+def _detectability(ground: Ground, hidden: Hidden) -> float:
+    """How well the flight shows what is hidden, in times of DETECTABLE; the less of two, each by itself and beside the
+    other, whatever its sizes, as far as they fly together."""
     each = [Hidden((name,), (size,)) for name, size in zip(hidden.names, hidden.sizes, strict=True)]
     found = [ground.shown(one) for one in each]
     if len(each) == 2:
-        found += [one for one in (ground.chi_squared(hidden, known) for known in each) if math.isfinite(one)]
+        found += [one for one in (ground.shown_beside(known, hidden) for known in each) if math.isfinite(one)]
     return min(found) / DETECTABLE
 
 
-def as_planned(plan: Plan, hidden: Hidden, air: Air | None = None, detectability: float | None = None) -> Stranger:
+def as_planned(plan: Plan, hidden: Hidden, air: Air | None = None) -> Stranger:
     """The plan flown with what is hidden, its names those of the plan. Raises RuntimeError as `fly`."""
     air = _air(plan) if air is None else air
     found = flown(plan.vehicle, hidden, air, Loop(dt=1 / plan.loop_hz, fitted=plan.fitted))
@@ -233,7 +238,6 @@ def as_planned(plan: Plan, hidden: Hidden, air: Air | None = None, detectability
     return Stranger(
         plan=plan,
         hidden=hidden,
-        detectability=None if hidden.absorbed else detectability,
         runs=tuple(_logged(plan, air, commands[..., i], measured[..., i], i) for i in range(len(plan.card))),
     )
 

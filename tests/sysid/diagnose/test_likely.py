@@ -184,6 +184,7 @@ def test_where_samples_of_commands_are_lost_play_and_a_dead_band_are_one_answer(
     told = declared(play, others)
     assert told.alike == ()
     assert likely.where_samples_are_lost(told, play, others).alike == ("servo_deadband",)
+    assert likely.where_samples_are_lost(told, play, others, share=0.6).alike == ()
     full = replace(told, alike=("servo_lag", "gyro_filter"))
     assert likely.where_samples_are_lost(full, play, others).alike == full.alike, "more would be of no use"
     impossible = replace(band, implausible=("backlash",))
@@ -213,6 +214,9 @@ def test_where_samples_are_lost_they_are_one_answer_beside_another_effect_too(mo
     doubtful = replace(play, implausible=("tau_g",))
     band = chain("servo_deadband", 5100.0, implausible=("tau_g",))
     assert likely.where_samples_are_lost(told, doubtful, [lag], [doubtful, band]).alike == ("servo_deadband",)
+    band = replace(chain("servo_deadband", 5100.0), effects=("servo_lag", "servo_deadband"))
+    by_another_name = replace(told, equivalent={"gyro_lag": ("servo_lag",)})
+    assert likely.where_samples_are_lost(by_another_name, play, [lag], [play, band]).alike == ("servo_deadband",)
 
 
 @pytest.mark.parametrize(

@@ -12,22 +12,32 @@ import pytest
 from strangers.asking import ask_runs, fitted_runs
 from strangers.flights import fly
 
+from sysid.data.band import swept_band
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose import chains, choice, on_samples
+from sysid.diagnose import chains, choice, on_samples, refits
 from sysid.diagnose.candidates import Ranked, Reference
 from sysid.diagnose.chains import _Chains
 from sysid.diagnose.choice import SURELY_FORETELLS, winner
+from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.on_samples import PROMISES, RIVAL, _Foretelling
 from sysid.diagnose.progress import unheard
 from sysid.diagnose.score import Score
 from sysid.diagnose.unsearched import BudgetSpent, LittleLeft
+from sysid.fit.identify import identify
+from sysid.model.compose import compose
 
 SEED = 4054550
 """A judged one's: a dead band of 5.4 times what is just detectable beside an inflow, which was named alone at 0.99."""
 WIDTH = 0.00967
 LIMITED, LIMIT = 4076841, 0.23555
 """Another's: commands reach a limit where gusts add to what is imposed, and hardly else; 1.8 times, and unexplained."""
+JUMPING, JUMP = 4110687, 0.009418
+"""A dead band that least squares had at 0.01 by gusts' power, where play explained more: it was named, at 0.95."""
+UNTOLD = 4301540
+"""Another in a log that has every second command of its loop, and does not tell: play was named at 0.995."""
+GONE = 4110803
+"""A limit of rates beside an inflow, of which least squares with it sees nothing for gusts."""
 HALVES = {
     4301171: ("attitude_stiffness", "servo_deadband"),
     4301439: ("servo_lag", "servo_deadband"),
@@ -48,6 +58,41 @@ def test_a_dead_band_that_the_imposed_commands_hide_is_told_beside_an_inflow(
     assert found.winner.values["width"] == pytest.approx(WIDTH, rel=0.05)
     monkeypatch.setattr(on_samples, "PROMISES", np.inf)
     assert ask_runs(fitted_stranger, chains=True).chain == ("dynamic_inflow",)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_deadband", "servo_backlash")], indirect=True)
+def test_a_dead_band_is_as_wide_as_the_noise_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = fitted_runs(fly(JUMPING))
+    found = ask_runs(runs)
+    assert found.verdict == "missing"
+    assert "servo_deadband" in {found.effect, *found.indistinguishable}
+    (band,) = (one for one in found.candidates if one.effect == "servo_deadband")
+    assert band.values["width"] == pytest.approx(JUMP, rel=0.02)
+    monkeypatch.setattr(refits, "MOST_LOOKS", 0)
+    (band,) = (one for one in ask_runs(runs).candidates if one.effect == "servo_deadband")
+    assert band.values["width"] > 1.05 * JUMP
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_deadband", "servo_backlash")], indirect=True)
+def test_where_samples_may_be_lost_play_and_a_dead_band_that_explain_the_same_are_one_answer() -> None:
+    runs = fitted_runs(fly(UNTOLD))
+    assert ask_runs(runs).indistinguishable == ("servo_deadband",)
+    told = [replace(run, loop_dt_s=1 / 250) for run in runs]
+    assert ask_runs(told).indistinguishable == ()
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_rate_limit", "dynamic_inflow")], indirect=True)
+def test_a_limit_that_was_added_stays_where_least_squares_sees_nothing_of_it() -> None:
+    runs = fitted_runs(fly(GONE))
+    swept = swept_band(runs)
+    assert swept is not None
+    begin = identify(compose("tpp"), runs, band_hz=swept.hz, effects=("servo_rate_limit",)).model
+    found = diagnose(begin.structure, runs, band_hz=swept.hz, begin=begin, chains=False)
+    assert found.parent.model["rate"] == begin["rate"]
+    assert "rate" in found.parent.held
 
 
 @pytest.mark.thorough
