@@ -254,10 +254,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect], near: Mode
     if begin is not None and not composed.linear:  # in a loop, what acts on samples: powers lead to another size
         fit = _likelier(predicting(fit, parent, begin), fit, parent)
     fit = moved_on(fit, parent, astray)
-    if begin is not None and shows:
-        fit = _gone_on(fit, parent, one, begin)
-    if shows and acts_on_samples(one):
-        fit = _sized(fit, parent)
+    fit = _further(fit, parent, one, begin) if shows else fit
     return replace(one, fit=None if does_nothing(fit, one.effects) else fit, not_testable=None)
 
 
@@ -303,6 +300,13 @@ def _as_promised(
     if again is None or explained_by(again, parent, metric) <= max(0.0, explained):
         return fit, False
     return again, True
+
+
+def _further(fit: Candidate, parent: Candidate, one: Ranked, begin: Model | None) -> Candidate:
+    """The fit, or a better one of what its score shows, by the noise."""
+    if acts_on_samples(one):
+        return _sized(fit, parent)
+    return fit if begin is None else _gone_on(fit, parent, one, begin)
 
 
 def _gone_on(fit: Candidate, parent: Candidate, one: Ranked, begin: Model) -> Candidate:
