@@ -9,3 +9,13 @@ class SysidError(ValueError):
 
 class FitError(SysidError):
     """The data cannot identify the structure; the message names the axis and what to do."""
+
+
+class NotShownError(FitError):
+    """Parameters that do nothing where a fit ended, of which there is then no derivative."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        super().__init__(
+            f"the data do not determine the model: {', '.join(names)} does not show in the response on these runs"
+        )
+        self.names = names

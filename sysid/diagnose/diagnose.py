@@ -13,7 +13,8 @@ study`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -54,7 +55,7 @@ from sysid.diagnose.thinned import TakenAs, as_held, by_a_usual_loop, noise_fold
 from sysid.diagnose.unsearched import BudgetSpent, Unsearched
 from sysid.diagnose.validated import divided
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.errors import FitError
+from sysid.errors import FitError, NotShownError
 from sysid.fit.estimate import best_values, refuse_vague
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import Division
@@ -358,19 +359,23 @@ def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin
     bins = on.viewed(structure.inputs)
     try:
         found = best_values(structure, bins, begin, fixed, "constant")
-    except FitError:
-        sizes = {} if begin is None else _sizes_without_slope(begin)
-        if not sizes:
+    except NotShownError as gone:
+        added = {} if begin is None else _as_added(begin, gone.names)
+        if not added:
             raise
-        fixed = {**sizes, **fixed}
-        found = best_values(structure, bins, begin, fixed, "constant")
+        fixed = {**fixed, **added}
+        with suppress(FitError):  # what was wrong first is told
+            found = best_values(structure, bins, begin, fixed, "constant")
+            return candidate(likeliest(found, on, bins, fixed), tuple(fixed), on)
+        raise
     return candidate(likeliest(found, on, bins, fixed), tuple(fixed), on)
 
 
-def _sizes_without_slope(begin: Model) -> dict[str, float]:
-    """Of what is not linear: of all power, mostly gusts', a limit that was added may be gone, and then no step finds
-    it again. It stays as it was fitted then."""
-    return {name: begin[name] for effect in begin.structure.composed if not effect.linear for name in effect.names}
+def _as_added(begin: Model, names: Collection[str]) -> dict[str, float]:
+    """Those of what is not linear, where they were fitted to before: of all power, mostly gusts', a limit that was
+    added may be gone, and no step finds it again."""
+    free = (name for effect in begin.structure.composed if not effect.linear for name in effect.names)
+    return {name: begin[name] for name in free if name in names}
 
 
 def _reference(

@@ -116,9 +116,9 @@ def where_samples_are_lost(
     chains: Sequence[Ranked] = (),
     share: float = BETWEEN_SAMPLES,
 ) -> Class:
-    """The class on a log that lost samples of the commands: what a play or a dead band makes of small commands hangs on
-    every one of them, so that neither is the truth on such a log, and the nearer need not be the right one, from this
-    share of what it explains on. Nor is it beside another half of a chain."""
+    """The class on a log that lost samples of the commands, or may have: what a play or a dead band makes of small
+    commands hangs on every one of them, so neither is the truth on such a log, and the nearer need not be right. In it
+    is what explains this share of what the winner does, alone or beside the same other half of a chain."""
     if len(winner.effects) > 1:
         others = [*_in_the_place_of_a_half(winner, among, singles, chains, share)]
     elif _on_samples(winner):
@@ -149,9 +149,9 @@ def _in_the_place_of_a_half(
     for half, other in (winner.effects, winner.effects[::-1]):
         if not _acts_on_samples(winner, half):
             continue
-        kept = max(0.0, alone.get(other, 0.0))
-        least = kept + share * (winner.chi_squared - kept)
         stays = {other, *among.equivalent.get(other, ())}
+        kept = max(0.0, *(alone.get(name, 0.0) for name in stays))
+        least = kept + share * (winner.chi_squared - kept)
         for one in chains:
             name = next((each for each in one.effects if each not in {half, *stays}), None)
             if name is not None and stays & set(one.effects) and _acts_on_samples(one, name):

@@ -14,8 +14,8 @@ from sysid.diagnose.score import log_chance
 from sysid.diagnose.thinned import noise_folded
 from sysid.model.effect import Effect, named_effect
 
-SIZES = 50
-"""How many a refit looks at, about."""
+SIZES = 100
+"""How many a refit looks at, about, by all power and by the noise."""
 LEAST = 0.02
 """Of the power that was left, that it explains at least: what is there is followed sample by sample. (Of 166 clean
 strangers the likeliest refit explained 0.008, and chi squared of 18; of one more, whose log lost samples, 0.012 and 46.

@@ -19,7 +19,7 @@ from sysid.data.dataset import Bins
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, excitation_of
 from sysid.data.stacks import Stack
-from sysid.errors import FitError
+from sysid.errors import FitError, NotShownError
 from sysid.fit.axes import VagueAxis, refuse_still_channels, vague_axis
 from sysid.fit.gauss_newton import SETTLED, minimise, normal_equations
 from sysid.fit.grow import grow, looks
@@ -440,8 +440,7 @@ def _covariance(
     curvature, _, variance = _linearised(model, stacks, weights, free, Z)
     size = np.sqrt(np.abs(np.diag(curvature)))
     if not np.all(np.isfinite(size)) or np.any(size == 0):
-        still = ", ".join(model.structure.names[i] for i, x in zip(free, size, strict=True) if not x > 0)
-        raise FitError(f"the data do not determine the model: {still} does not show in the response on these runs")
+        raise NotShownError(tuple(model.structure.names[i] for i, x in zip(free, size, strict=True) if not x > 0))
     correlation = curvature / np.outer(size, size)
     if np.linalg.cond(correlation) > 1e12:
         raise FitError(alike(model.structure, model.values, free, 0.5 * (correlation + correlation.T), size))

@@ -12,7 +12,7 @@ import strangers
 from planted import NOMINAL_OMEGA, SIGNALS, TABLE_4, Array, equations, in_numbers
 from scipy.optimize import least_squares
 from strangers import vehicles
-from strangers.detect import DETECTABLE
+from strangers.detect import DETECTABLE, _Beside
 from strangers.flights import KINDS, Stranger, fly, ground_of, planned
 from strangers.flying import flown
 from strangers.hiding import CATALOGUE, FOREIGN, NEWER, NOTHING, Hidden, may_stand_together
@@ -123,24 +123,44 @@ def test_of_two_that_make_the_same_neither_is_detectable_beside_the_other() -> N
 
 
 def test_what_another_makes_of_it_at_a_size_far_from_its_own_is_not_detectable_beside_it() -> None:
-    """Against flights with that alone, at so many times its size."""
+    """Against flights alone, from another base and another size than the truth, and against slopes at the truth."""
     plan = planned(CLEAN, ("servo_lag",))
-    ground = ground_of(plan)
+    ground = replace(ground_of(plan), untold_s=0.0)
     both = Hidden(("servo_lag", "transport_delay"), ({"tau_s": 0.01}, {"T_d": 0.03}))
     effect = flown(plan.vehicle, both, ground.still, ground.loop)
     commanded = replace(ground.still, excitation=effect.commands - ground.loop.trim_of(effect.commands))
 
-    def left(tau_s: float) -> float:
-        lag = Hidden(("servo_lag",), ({"tau_s": tau_s},))
-        answer = flown(plan.vehicle, lag, commanded, replace(ground.loop, closed=False))
+    def left(scales: Array) -> Array:
+        table = dict(plan.vehicle.table) | {
+            name: plan.vehicle.table[name] * scale for name, scale in zip(plan.vehicle.parameters, scales, strict=False)
+        }
+        lag = Hidden(("servo_lag",), ({"tau_s": 0.01 * scales[-1]},))
+        answer = flown(replace(plan.vehicle, table=table), lag, commanded, replace(ground.loop, closed=False))
         wanted = (
             np.fft.rfft(effect.measured - answer.measured, axis=0)[ground.bins] * np.sqrt(2 / ground.noise)[..., None]
         )
-        return float(np.sum(np.abs(wanted) ** 2))
+        return np.concatenate([wanted.real.ravel(), wanted.imag.ravel()])
 
-    beside = ground.shown_beside(Hidden(("servo_lag",), ({"tau_s": 0.01},)), both)
-    assert beside < min(map(left, (0.02, 0.03, 0.04, 0.05, 0.06)))
-    assert beside < 0.1 * left(0.01)
+    known = Hidden(("servo_lag",), ({"tau_s": 0.01},))
+    ones = np.ones(1 + len(plan.vehicle.parameters))
+    least = 2 * float(least_squares(left, np.append(1.05 * ones[1:], 3.0), diff_step=1e-4).cost)
+    assert ground.shown_beside(known, both) == pytest.approx(least, rel=0.02)
+    assert least < 0.1 * float(np.sum(left(ones) ** 2))
+
+
+@pytest.mark.thorough
+def test_slopes_beside_what_moves_otherwise_than_linearly_are_those_of_flights() -> None:
+    plan = planned(CLEAN, ("quadratic_damping",))
+    little = Hidden(("quadratic_damping",), ({"L_pp": -0.01, "M_qq": -0.01, "exponent": 2.0},))
+    ground = replace(ground_of(plan), untold_s=1e-3)
+    effect = flown(plan.vehicle, little, ground.still, ground.loop)
+    commanded = replace(ground.still, excitation=effect.commands - ground.loop.trim_of(effect.commands))
+    seen = np.fft.rfft(effect.measured, axis=0)[ground.bins]
+    beside = _Beside(ground=ground, known=little, commanded=commanded, seen=seen)
+    slopes, here, step = beside.slopes(beside.begin), beside.left(beside.begin), 1e-4
+    for i, along in enumerate(np.eye(beside.begin.size)):
+        flown_there = (beside.left(beside.begin + step * along) - here) / step
+        assert np.linalg.norm(slopes[:, i] - flown_there) < 0.05 * np.linalg.norm(flown_there)
 
 
 def test_lateness_that_an_untold_loop_leaves_open_is_not_detectable() -> None:

@@ -12,6 +12,7 @@ could make, at the values where they make most, is taken away.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -22,7 +23,7 @@ from planted import Array, in_numbers
 from scipy.optimize import least_squares, minimize_scalar
 
 from strangers.flying import Air, Loop, flown
-from strangers.hiding import NOTHING, Hidden
+from strangers.hiding import LARGEST, LEAST, NOTHING, Hidden
 from strangers.vehicles import Vehicle, base_of
 
 DETECTABLE = 45.0
@@ -32,7 +33,7 @@ A_LITTLE = 0.01
 """Of each parameter, to difference by."""
 MOVES = 60
 """Of the base's parameters, to where they make most of what is hidden."""
-MOVES_BESIDE, SETTLED, LEAST = 15, 1e-3, 0.01
+MOVES_BESIDE, SETTLED, HARDLY_ANY = 15, 1e-3, 0.01
 """The same beside another effect, each of which flies once for every number; the gain in cost that is none; and of that
 effect's sizes how much there is of it at least."""
 HUGE = 1e9
@@ -125,7 +126,8 @@ class Ground:
 
     def shown_beside(self, known: Hidden, hidden: Hidden) -> float:
         """The same of what is hidden, beyond all that the base with what is `known` of it by name imitates, wherever
-        those sizes have to go, too."""
+        those sizes have to go, too, that vehicles have and that are of the same sign. From where they are: what is less
+        in another valley is not found, and counts for more than it shows."""
         flight = self._flown(hidden)
         if flight is None:
             return float("inf")
@@ -208,13 +210,20 @@ class _Beside:
 
     @property
     def begin(self) -> Array:
-        return np.where(self.bounds[0] == 1.0, 1.5, 1.0)
+        begin = np.ones(self.bounds[0].size)
+        if self.ground.untold_s:
+            begin[-1] = 1.5
+        return begin
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        counts = len(self.ground.vehicle.parameters), len(self._own), bool(self.ground.untold_s)
-        low = np.repeat([-np.inf, LEAST, 1.0], counts)
-        return low, np.where(low == 1.0, 2.0, np.inf)
+        """What vehicles have of those sizes, and less than all of the lateness."""
+        size, count = self.known.sizes[0], len(self.ground.vehicle.parameters)
+        least = [LEAST[name] / size[name] if name in LEAST else HARDLY_ANY for name in self._own]
+        most = [max(LARGEST.get(name, math.inf) / abs(size[name]), 1 + A_LITTLE) for name in self._own]
+        late = self.ground.untold_s > 0
+        low, high = [-math.inf] * count + least + [1.0] * late, [math.inf] * count + most + [2.0] * late
+        return np.array(low), np.array(high)
 
     def left(self, scales: Array) -> Array:
         """In units of noise, (N,)."""
@@ -231,8 +240,8 @@ class _Beside:
             return _bounded(_real((self.seen - late * expected) * ground.weight))
 
     def slopes(self, scales: Array) -> Array:
-        """Derivatives (N, numbers); of what is not linear, which flies for minutes, those of the base alone, and its
-        own from where it begins."""
+        """Derivatives (N, numbers); beside what moves otherwise than linearly, which takes seconds to fly, those of the
+        base alone, and its own from where it begins."""
         numbers = len(self.ground.vehicle.parameters)
         if self.known.equations(self.ground.vehicle).nonlinear is None:
             return self._differences(scales, range(scales.size))
