@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -357,18 +356,18 @@ def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin
     if begin is not None:
         begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
     bins = on.viewed(structure.inputs)
+    held = dict(fixed)
     try:
-        found = best_values(structure, bins, begin, fixed, "constant")
+        found = best_values(structure, bins, begin, held, "constant")
     except NotShownError as gone:
-        added = {} if begin is None else _as_added(begin, gone.names)
-        if not added:
+        held |= {} if begin is None else _as_added(begin, gone.names)
+        if held == fixed:
             raise
-        fixed = {**fixed, **added}
-        with suppress(FitError):  # what was wrong first is told
-            found = best_values(structure, bins, begin, fixed, "constant")
-            return candidate(likeliest(found, on, bins, fixed), tuple(fixed), on)
-        raise
-    return candidate(likeliest(found, on, bins, fixed), tuple(fixed), on)
+        try:
+            found = best_values(structure, bins, begin, held, "constant")
+        except FitError:  # what was wrong first is told
+            raise gone from None
+    return candidate(likeliest(found, on, bins, held), tuple(held), on)
 
 
 def _as_added(begin: Model, names: Collection[str]) -> dict[str, float]:

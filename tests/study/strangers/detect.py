@@ -111,7 +111,7 @@ class Ground:
         @lru_cache(maxsize=2)
         def beside(moved: tuple[float, ...]) -> tuple[Array, Array]:
             with np.errstate(all="ignore"):  # a base that is not stable
-                left, slopes = self.beside(np.array(moved), seen, commanded)
+                left, slopes = self.left_by_base(np.array(moved), seen, commanded)
             return _bounded(left), np.nan_to_num(slopes)
 
         found = least_squares(
@@ -166,7 +166,7 @@ class Ground:
     def late(self, late_s: float) -> NDArray[np.complex128]:
         return np.exp(-self._s * late_s)[:, None, None]
 
-    def beside(self, moved: Array, seen: NDArray[np.complex128], commanded: Air) -> tuple[Array, Array]:
+    def left_by_base(self, moved: Array, seen: NDArray[np.complex128], commanded: Air) -> tuple[Array, Array]:
         """What the base, its parameters moved by so many times A_LITTLE, leaves of the rates seen (bins, 2, runs), in
         units of noise, (N,), at a share of the lateness that the log leaves open; and its derivatives (N, moved)."""
         table, little = dict(self.vehicle.table), self._little
@@ -249,7 +249,7 @@ class _Beside:
         if self.ground.untold_s:
             moved = np.append(moved, scales[-1] - 1)
         with np.errstate(all="ignore"):
-            base = np.nan_to_num(self.ground.beside(moved, self.seen, self.commanded)[1])
+            base = np.nan_to_num(self.ground.left_by_base(moved, self.seen, self.commanded)[1])
         return np.concatenate([base[:, :numbers] / A_LITTLE, self._own_slopes, base[:, numbers:]], axis=1)
 
     @cached_property
