@@ -31,7 +31,7 @@ from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import Candidate, instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
-from sysid.diagnose.loop_change import Limit, MarginChange
+from sysid.diagnose.loop_change import Limit, MarginChange, held_gains
 from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder, winner_change
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
@@ -120,8 +120,14 @@ class NoExcitation:
     """The commands stand for themselves: with gusts, feedback alone lets them explain some of the error."""
 
 
+@dataclass(frozen=True, slots=True)
+class NoMargins:
+    """A limit was asked for, and no gains hold this fit, so that nothing could be held against it."""
+
+
 Remark = (
     NoExcitation
+    | NoMargins
     | NoValidation
     | OneRun
     | NotAdded
@@ -235,6 +241,7 @@ def diagnose_fit(
             break
         fit, composed = grown, [*grown.model.structure.composed]
     remarks = _remarks(answer, fitted.records, judging.records)
+    remarks += [NoMargins()] if limit is not None and held_gains(answer.parent.model) is None else []
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))
         grown = grown if isinstance(remarks[-1], StoppedAsking) else None

@@ -82,12 +82,13 @@ only judged tell it)} or null, "explanation", "suspicions", "warnings", "within_
 be gained), "remainder" (what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with
 "frequency_hz", "damping_ratio", by the effects "margins_effect" and "modes_effect", "limit", "matters") or null where
 one is missing by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null),
-"remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}],
-"slight": {"points" (of fit that the missing effect gains, where that is little), "gain_db", "phase_deg", "matters"} or
-null, "first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or null, "unsearched_chains":
-{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much
-left", "chain", "explained"} (by the best one with the likeliest effect) or null, "asked": {"version", "as_usual",
-"fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
+"instrument" (how feedback is kept out of what is asked: "excitation logged", "excitation rebuilt", "prediction error",
+or not at all: "commands"), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict",
+"effect", "confidence"}], "slight": {"points" (of fit that the missing effect gains, where that is little), "gain_db",
+"phase_deg", "matters"} or null, "first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or
+null, "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains",
+"firsts"} or {"reason": "much left", "chain", "explained"} (by the best one with the likeliest effect) or null, "asked":
+{"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
 """
 
 
@@ -109,7 +110,8 @@ def add_parser(subparsers: Any) -> None:
         "--matters",
         metavar="LIMIT",
         help="changes of the designed loop's margins from which on something matters (1dB,5deg where left out); "
-        "only where it is given, what has a name and changes less is not missing either",
+        "only where it is given, what has a name and changes less is not missing either; of a tpp fit, for which "
+        "alone gains are designed",
     )
     parser.add_argument("--repeat", action="store_true", help="add the answer and ask again, showing each rung")
     parser.add_argument(

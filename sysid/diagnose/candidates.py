@@ -282,7 +282,12 @@ def _of_the_best(chances: Sequence[float]) -> float:
 
 def of_all_questions(log_p: float, division: Division) -> float:
     """Logarithm of the chance that noise alone shows as much in any kind of question, by that of one kind."""
-    return min(0.0, log_p + math.log(QUESTIONS) + (0.0 if division.measured else IN_A_LOOP))
+    return min(0.0, log_p + counted(division))
+
+
+def counted(division: Division) -> float:
+    """Logarithm by which the chance of one kind of question is raised, for all kinds and what a loop may make."""
+    return math.log(QUESTIONS) + (0.0 if division.measured else IN_A_LOOP)
 
 
 def explained_by(fit: Candidate, parent: Candidate, metric: Whitening) -> float:

@@ -27,7 +27,7 @@ import numpy as np
 from sysid.control.regulator import DesignError, Gains, lqr
 from sysid.control.stability import Margins, closed_loop
 from sysid.data.preprocess import ComplexArray
-from sysid.diagnose.candidates import QUESTIONS, SIGNIFICANT
+from sysid.diagnose.candidates import SIGNIFICANT, counted
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
@@ -122,7 +122,9 @@ class _Asking:
     margins: Margins | None
     """Of the gains on the parent."""
     effects: int
-    """How many are asked."""
+    """How many are asked;"""
+    raised: float
+    """logarithm by which the chance of each is raised for all else that is asked."""
 
     @classmethod
     def of(cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, effects: int) -> _Asking:
@@ -146,15 +148,17 @@ class _Asking:
             gains=gains,
             margins=None if gains is None else gains.loop.margins,
             effects=effects,
+            raised=counted(division),
         )
 
     def needed(self, degrees: int) -> float:
         """Standard errors from which on the diagnosis finds an effect of so many sizes four times in five, by its own
-        chance of a false alarm, all effects and kinds of questions counted in."""
+        chance of a false alarm, all effects and kinds of questions counted in, and less sure where no excitation is
+        logged."""
         # heavier than NumPy itself to load: only where it is needed
         from scipy.special import chdtri, chndtrinc
 
-        chance = math.exp(SIGNIFICANT) / (QUESTIONS * max(self.effects, 1))
+        chance = math.exp(SIGNIFICANT - self.raised) / max(self.effects, 1)
         return math.sqrt(float(chndtrinc(chdtri(degrees, chance), degrees, MISSED)))
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:

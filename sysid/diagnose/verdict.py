@@ -181,6 +181,7 @@ class Diagnosis:
             "airframe": self.airframe,
             "verdict": self.verdict,
             "reason": self.reason,
+            "instrument": "prediction error" if self.parent.dataset.in_a_loop else self.parent.estimate.instrument,
             "effect": self.effect,
             "chain": list(self.chain),
             "stands_in": self.stands_in,

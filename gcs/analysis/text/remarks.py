@@ -12,6 +12,7 @@ from gcs.analysis.diagnosis import (
     InALoop,
     LoopUntold,
     NoExcitation,
+    NoMargins,
     NotAdded,
     NotSure,
     NoValidation,
@@ -43,6 +44,11 @@ def _text(remark: Remark) -> str:
             return (
                 "no excitation is logged: gusts reach the commands through the feedback, and some of what these seem "
                 "to explain is the loop's. Log what is added to the commands, and ask again"
+            )
+        case NoMargins():
+            return (
+                "no gains hold this model, so --matters has no margins to judge by: points of NRMSE alone decided what "
+                "is told"
             )
         case NoValidation():
             return "no validation runs: whether it holds on others is open"

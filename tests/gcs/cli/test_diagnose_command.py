@@ -470,3 +470,10 @@ def test_a_limit_is_in_decibels_and_degrees(tippath: Tippath, fits: dict[str, Pa
     status, _, err = tippath("diagnose", fits["clean"], "--matters", words)
     assert status == 2
     assert f"--matters {words}: wants changes of margins above 0, such as 1dB,5deg" in " ".join(err.split())
+
+
+def test_a_limit_without_margins_to_hold_against_it_is_told(tippath: Tippath, fits: dict[str, Path]) -> None:
+    said = "no gains hold this model, so --matters has no margins to judge by"
+    for name, told in (("cd", True), ("clean", False)):
+        document = no_constants(tippath("diagnose", fits[name], "--json", "--matters", "2dB")[1])
+        assert any(said in one for one in document["remarks"]) == told

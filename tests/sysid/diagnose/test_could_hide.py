@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,7 +17,7 @@ from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
 from sysid.data.dataset import dataset
-from sysid.diagnose.candidates import QUESTIONS, SIGNIFICANT
+from sysid.diagnose.candidates import SIGNIFICANT, counted
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
 from sysid.diagnose.hidden import HARM, CouldHide, Hidden, grouped
@@ -81,14 +82,14 @@ def test_the_announced_bias_comes_true(effect: str) -> None:
 
 def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
     one = hidden("servo_lag")
-    threshold = SIGNIFICANT - math.log(QUESTIONS * 20)  # the verdict's own
 
     def found(times: float) -> int:
         larger = tuple((name, times * value) for name, value in one.size.items())
         flights = rough("servo_lag", larger)
         count = 0
         for parent in flights:
-            stepped, whitening, _ = seen(parent)
+            stepped, whitening, division = seen(parent)
+            threshold = SIGNIFICANT - counted(division) - math.log(20)  # the verdict's own
             effect = compose("tpp", ("servo_lag",), parent.dataset.available, {})
             answer = score(effect.composed[0], effect, parent, stepped, whitening)
             count += answer is not None and answer.log_p < threshold
@@ -97,6 +98,17 @@ def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
     assert found(1.0) >= len(SEEDS) - 1
     assert found(2.0) == len(SEEDS)
     assert found(0.5) <= 1
+
+
+def test_more_can_hide_where_no_excitation_is_logged() -> None:
+    """The diagnosis asks for more there before it tells of anything."""
+    (parent, *_) = rough(None)
+    stepped, whitening, division = seen(parent)
+    assert division.measured
+    unlogged = could_hide(parent, stepped, whitening, replace(division, references=division.commands))
+    more = {one.effect: one.size for group in (*unlogged.harmful, *unlogged.others) for one in group if one.visible}
+    assert 1.02 < more["servo_lag"]["tau_s"] / hidden("servo_lag").size["tau_s"] < 1.3
+    assert 1.02 < more["transport_delay"]["T_d"] / hidden("transport_delay").size["T_d"] < 1.3
 
 
 def test_the_worst_comes_first_and_the_rest_is_one_sentence() -> None:

@@ -183,7 +183,8 @@ def test_what_the_loop_alone_could_make_is_no_alarm() -> None:
     assert ringing.by_feedback(found.division, strong)
     assert not ringing.by_feedback(logged.division, strong)
     told = replace(found, verdict="unexplained", reason="feedback")
-    assert told.to_json()["reason"] == "feedback"
+    assert (told.to_json()["reason"], told.to_json()["instrument"]) == ("feedback", "prediction error")
+    assert logged.to_json()["instrument"] == "excitation logged"
     assert "no excitation is logged" in answer(told)
 
 

@@ -106,12 +106,17 @@ def test_a_controller_is_not_taken_for_a_vehicle(gusts_alone: Sequence[planted.R
             identify(structure, records(gusts_alone, *without))
 
 
+def test_nor_is_it_on_one_axis(gusts_alone: Sequence[planted.Run]) -> None:
+    with pytest.raises(FitError, match=r"feedback alone \(delta_x \d+ % of their power"):
+        identify(compose("roll"), records(gusts_alone, *EXCITATIONS))
+
+
 def test_a_vehicle_that_follows_its_commands_is_no_controller() -> None:
     (flight,) = fly(seeds=range(1), loop=0.0, gusts=0.0, size=0.3)
     # quasi-steady: rates in step with the commands
     calm = [{**run, "p": 8 * run["delta_x"], "q": 6 * run["delta_y"]} for run in flight]
     bins = prepared(records(calm, *EXCITATIONS), BAND).viewed(TPP.inputs, TPP.outputs)
-    assert np.min(feedback._fed_back(bins, 0.0)[0]) > feedback.ALONE
+    assert np.min(feedback._fed_back(bins, TPP.base_.commands, 0.0)[0]) > feedback.ALONE
     feedback.refuse_feedback_alone(TPP, bins)
 
 
