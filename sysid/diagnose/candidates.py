@@ -44,6 +44,8 @@ QUESTIONS = 4
 """Kinds of them: the commands against the residual, the catalogue, slow modes, candidate terms."""
 REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
+FORWARD = frozenset({"airspeed", "alpha", "beta"})
+HOVERING = "nothing says that these runs flew forward: log airspeed, or fit the elevator"
 CRUMBS = 0.1
 """Points of NRMSE: where an effect leaves no output more to explain, nothing slow and no chain is looked for. A stiff
 mode beside a lag that stood in for most of it was worth 0.15."""
@@ -242,6 +244,8 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
     structure, on = parent.model.structure, parent.dataset
     ids = [one.id for one in structure.composed]
     reason = not_testable(effect, structure.base_, [*ids, effect.id], on.available)
+    if reason is None and effect.group == "forward" and not flies_forward(structure, on):
+        return HOVERING
     if reason is None:
         return LINEAR if beyond_responses(effect, on.records) else None
     without = not_testable(effect, structure.base_, [*ids, effect.id], on.available | on.still)
@@ -250,6 +254,12 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
         still = sorted({name for said in read for name in said.split("|")} & on.still)
         return f"{', '.join(still)} hardly moves on these runs, so it is not testable on these"
     return reason
+
+
+def flies_forward(structure: Structure, on: Dataset) -> bool:
+    """Whether anything says that the runs are of forward flight: a signal of it that moves, or an effect of it that the
+    structure has. In a hover what only forward flight brings stands for something else."""
+    return not FORWARD.isdisjoint(on.available) or any(one.group == "forward" for one in structure.composed)
 
 
 def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:

@@ -27,7 +27,7 @@ import numpy as np
 from sysid.control.regulator import DesignError, Gains, lqr
 from sysid.control.stability import Margins, closed_loop
 from sysid.data.preprocess import ComplexArray
-from sysid.diagnose.candidates import SIGNIFICANT, counted
+from sysid.diagnose.candidates import SIGNIFICANT, counted, flies_forward
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
@@ -81,7 +81,7 @@ def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, 
     structure, available = parent.model.structure, parent.dataset.available
     present = {one.id for one in structure.composed}
     linear = [one for one in structure.composed if one.linear]
-    forward = "airspeed" in available or any(one.group == "forward" for one in structure.composed)
+    forward = flies_forward(structure, parent.dataset)
     found = []
     for effect in (*catalogue().values(), *users):
         if effect.id in present or not effect.has_null or effect.slot is not None:

@@ -191,7 +191,7 @@ class Shares:
         Noise on the chirps that a log lost goes around the loop with the rest, and how much of it nobody knows: clean
         flights logged at 50 of 400 and 500 Hz showed 1e-44 to 1e-142.
         """
-        if left.measured:
+        if left.measured or self.mode is not None:
             return False
         if self.latest_alone:
             return True
@@ -331,18 +331,18 @@ class Shares:
 
 def _sure_mode(one: Candidate, reference: Reference) -> SlowMode | None:
     """A slow mode beside a candidate, where it is surely no noise and no loop makes it."""
-    mode = reference.mode(one) if reference.parent.division.measured else None
-    return None if mode is None or mode.log_p >= SIGNIFICANT else mode
+    mode, least = reference.mode(one), SIGNIFICANT if reference.parent.division.measured else A_LOOP_MAKES
+    return None if mode is None or mode.log_p >= least else mode
 
 
 def _beside(one: Candidate, reference: Reference) -> float:
     """Chi squared of the simple terms, or a slow mode, beside a candidate, where these are as significant as
-    TERM_TAKES: how many there were to choose from is paid by that. In a loop they explain gusts, too."""
-    if not reference.parent.division.measured:
-        return 0.0
+    TERM_TAKES: how many there were to choose from is paid by that. In a loop terms explain gusts, too."""
     mode = _sure_mode(one, reference)
-    simple = sum(term.chi_squared for term in reference.simple(one).terms if term.log_p < TERM_TAKES)
-    return max(simple, 0.0 if mode is None else mode.chi_squared)
+    shaken = 0.0 if mode is None else mode.chi_squared
+    if not reference.parent.division.measured:
+        return shaken
+    return max(shaken, sum(term.chi_squared for term in reference.simple(one).terms if term.log_p < TERM_TAKES))
 
 
 def _nothing(_: Candidate) -> float:

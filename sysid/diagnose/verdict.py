@@ -40,6 +40,7 @@ from sysid.diagnose.likely import (
     misfit,
     near,
     where_samples_are_lost,
+    with_late,
     with_tethers,
     with_twins,
     with_unasked,
@@ -367,7 +368,7 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     """Also by what the log lost of the commands."""
     assert winner.fit is not None
     among = with_unasked(declared(winner, answers), winner, singles, pairs)
-    among = with_tethers(with_twins(among, winner, singles), winner, singles)
+    among = with_late(with_tethers(with_twins(among, winner, singles), winner, singles), winner, singles)
     runs = winner.fit.dataset
     if samples_lost(runs):
         return where_samples_are_lost(among, winner, singles, pairs)

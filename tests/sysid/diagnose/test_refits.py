@@ -24,6 +24,9 @@ from sysid.model.effect import catalogue
 from sysid.model.structure import Model
 
 SEED = 2041
+LIMITED = 4160303
+"""Of a judgement: rates limited to 5.3 1/s beside a damping, every fifth command of the loop logged; a limit of
+acceleration and a lead-lag explained three quarters of what the limit does."""
 MODES = {
     "frequency_roll": 5.877,
     "zeta_roll": 0.0358,
@@ -153,3 +156,19 @@ def test_values_that_each_may_be_plausible_may_not_be_so_together() -> None:
 def test_rows_beyond_all_numbers_move_nothing_and_lapack_says_nothing_of_them() -> None:
     assert list(_steps(np.full((2, 3), 1e200), np.ones(3))) == []
     assert len(list(_steps(np.eye(2, 3), np.ones(3)))) == 2
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    "only_effects", [("servo_rate_limit", "servo_acceleration_limit", "lead_lag", "servo_backlash")], indirect=True
+)
+def test_beside_a_limit_that_explains_much_the_other_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = fitted_runs(fly(LIMITED))
+    found = ask_runs(runs)
+    assert found.winner is not None
+    assert found.winner.effect == "servo_rate_limit"
+    assert found.winner.values["rate"] == pytest.approx(5.28, rel=0.03)
+    play = next(one for one in found.candidates if one.effect == "servo_backlash")
+    monkeypatch.setattr(refits, "LIMITS", ())
+    without = next(one for one in ask_runs(runs).candidates if one.effect == "servo_rate_limit")
+    assert (without.fit, play.fit) == (None, None)

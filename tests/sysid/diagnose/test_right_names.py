@@ -405,6 +405,7 @@ def test_what_the_noise_alone_tells_stays_in_the_class(monkeypatch: pytest.Monke
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("slipstream_wing", "angle_of_attack")], indirect=True)
 def test_what_no_loop_makes_is_named_however_near_another_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(candidates, "flies_forward", lambda *_: True)  # as far as these runs tell
     found = asked(WAKE_IN_A_LOOP)
     assert found.parent.dataset.in_a_loop
     assert (found.verdict, found.effect) == ("missing", "slipstream_wing")

@@ -11,7 +11,7 @@ from strangers.flights import fly
 from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose import diagnose, slow_modes
+from sysid.diagnose import diagnose, shares, slow_modes
 from sysid.diagnose.candidates import SIGNIFICANT
 from sysid.diagnose.evidence import candidate
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
@@ -23,6 +23,8 @@ SWINGING = 10049
 """A training stranger of 13 s chirps below which a load swings; no window of the residual is narrow enough for it."""
 IN_BURSTS = 6035
 """Another, in doubled gusts that come in bursts; the load passed for `speed_stability` with others."""
+SWINGING_IN_A_LOOP = 4110327
+"""Of a judgement, no excitation logged: the load passed for a tilted wake."""
 CLEAN_IN_BURSTS, CLEAN_UNLOGGED, CLEAN_SLOW = 3004, 6128, 8279
 """Nothing hidden."""
 
@@ -85,3 +87,16 @@ def test_an_entry_beside_which_a_slow_mode_explains_more_only_resembles() -> Non
     found = asked(flown(IN_BURSTS))
     assert found.verdict == "unexplained"
     assert found.outdone
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("slipstream_wing", "attitude_stiffness")], indirect=True)
+def test_nor_is_it_named_in_a_loop_that_makes_no_such_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = flown(SWINGING_IN_A_LOOP)
+    found = asked(runs)
+    assert found.parent.dataset.in_a_loop
+    assert (found.verdict, found.reason) == ("unexplained", None)
+    assert found.mode is not None
+    assert found.mode.frequency_hz == pytest.approx(fly(SWINGING_IN_A_LOOP).hidden.sizes[0]["frequency"], rel=0.12)
+    monkeypatch.setattr(shares, "A_LOOP_MAKES", -math.inf)
+    assert asked(runs).effect == "slipstream_wing"
