@@ -58,10 +58,11 @@ LATE = (
 )
 """What makes answers late, by its form: a lag, a delay, a second order."""
 LATE_APART, LATE_SHARE = 25.0, 0.1
-"""Chi squared, and share of the answer's, by which one of another form may explain less and be as good where no
-excitation is logged: what tells the forms apart is small there beside what all do, and hangs on how the gusts were
-foretold. Of 298 names of these on strangers that four judgements had spent four were of the wrong form, right ones
-being behind by 6 to 23 (a delay of 2 ms by a filter that rings), or implausible for how they ring."""
+"""Chi squared, SAME where an excitation is logged, and share of the answer's, by which one of another form may explain
+less and be as good: what tells the forms apart is small beside what all do, and without an excitation hangs on how the
+gusts were foretold. Of 298 such names on strangers that four judgements had spent four were of the wrong form, right
+ones being behind by 6 to 23 (a delay of 2 ms by a filter that rings), or implausible for how they ring; with an
+excitation two of 383, by 1.7 and 8."""
 AT_AN_END = 0.75
 """Of the answer's chi squared, that a tether explains at least where that answer stands at an end of its range: of
 strangers that judgements had spent ten of ten that were named slipstream_wing, dynamic_inflow or speed_stability with
@@ -205,13 +206,14 @@ def with_tethers(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Cla
 
 
 def with_late(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
-    """The class of what makes answers late, no excitation logged, with the other forms of that which explain nearly as
-    much, however they ring; before what is of none. No more than are of use."""
+    """The class of what makes answers late with the other forms of that which explain nearly as much, however they
+    ring; before what is of none. No more than are of use."""
     assert winner.fit is not None
     own = next((form for form in LATE if winner.effect in form), None) if len(winner.effects) == 1 else None
-    if own is None or winner.fit.division.measured:
+    if own is None:
         return among
-    least = winner.chi_squared - min(LATE_APART, LATE_SHARE * winner.chi_squared)
+    apart = SAME if winner.fit.division.measured else LATE_APART
+    least = winner.chi_squared - min(apart, LATE_SHARE * winner.chi_squared)
     known, equivalent, more = among.named_with(winner), dict(among.equivalent), []
     for form in LATE:
         nearly = [

@@ -1,4 +1,4 @@
-"""A lag, a delay, a second order: without a logged excitation the forms of being late are one class."""
+"""A lag, a delay, a second order: forms of being late that explain nearly as much are one class."""
 
 from __future__ import annotations
 
@@ -45,6 +45,8 @@ def test_the_other_forms_that_explain_nearly_as_much_are_in_the_class() -> None:
     assert found.alike == ("servo_lag", "gyro_filter")
     assert found.equivalent == {"servo_lag": (), "gyro_filter": ("servo_second_order",)}
     assert with_late(AMONG, FILTER, [FILTER, DELAY]).alike == ("transport_delay",)
+    logged = replace(FILTER, fit=fitted("gyro_filter", 500.0, measured=True).fit)
+    assert with_late(AMONG, logged, [logged, DELAY, LAG]).alike == ("servo_lag",), "what is not surely told apart"
     ringing = [replace(one, implausible=("zeta",)) for one in (FILTER, SERVOS)]
     assert with_late(AMONG, LAG, ringing).alike == ("gyro_filter",), "how it rings is not told either"
 
