@@ -208,32 +208,29 @@ def with_tethers(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Cla
 def with_late(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
     """The class of what makes answers late with the other forms of that which explain nearly as much, however they
     ring; before what is of none. No more than are of use."""
-    assert winner.fit is not None
-    own = next((form for form in LATE if winner.effect in form), None) if len(winner.effects) == 1 else None
-    if own is None:
+    known = among.named_with(winner)
+    if len(winner.effects) > 1 or not any(winner.effect in form for form in LATE):
         return among
-    apart = SAME if winner.fit.division.measured else LATE_APART
-    least = winner.chi_squared - min(apart, LATE_SHARE * winner.chi_squared)
-    known, equivalent, more = among.named_with(winner), dict(among.equivalent), []
-    for form in LATE:
-        nearly = [
-            one
-            for one in singles
-            if one.effect in form
-            and one.fit is not None
-            and one.chi_squared >= least
-            and {*one.implausible} <= {"zeta"}
-        ]
-        if form is own or not nearly or not known.isdisjoint(form):
-            continue
-        head = min(nearly, key=lambda one: one.delta_bic)
-        more.append(head.effect)
-        equivalent[head.effect] = tuple(one.effect for one in nearly if one is not head and same(one, head, winner))
+    more: dict[str, tuple[str, ...]] = {}
+    for form in filter(known.isdisjoint, LATE):
+        nearly = [one for one in singles if one.effect in form and _late_as_well(one, winner)]
+        if nearly:
+            head = min(nearly, key=lambda one: one.delta_bic)
+            more[head.effect] = tuple(one.effect for one in nearly if one is not head and same(one, head, winner))
     if not more:
         return among
     late = [name for name in among.alike if any(name in form for form in LATE)]
-    others = [name for name in among.alike if name not in late]
-    return replace(among, alike=tuple([*late, *more, *others][: USEFUL - 1]), equivalent=equivalent)
+    alike = dict.fromkeys([*late, *more, *among.alike])
+    return replace(among, alike=tuple(alike)[: USEFUL - 1], equivalent={**among.equivalent, **more})
+
+
+def _late_as_well(one: Ranked, winner: Ranked) -> bool:
+    """Whether one of another form explains nearly as much, at possible values, however it rings."""
+    assert winner.fit is not None
+    if one.fit is None or not {*one.implausible} <= {"zeta"}:
+        return False
+    apart = SAME if winner.fit.division.measured else LATE_APART
+    return winner.chi_squared - one.chi_squared <= min(apart, LATE_SHARE * winner.chi_squared)
 
 
 def _at_an_end(one: Ranked) -> bool:
