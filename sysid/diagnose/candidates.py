@@ -45,6 +45,7 @@ QUESTIONS = 4
 REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 FORWARD = frozenset({"airspeed", "alpha", "beta"})
+"""Signals of forward flight: where none moves, and the structure has no effect of it, none of its effects is asked."""
 HOVERING = "nothing says that these runs flew forward: log airspeed, or fit the elevator"
 CRUMBS = 0.1
 """Points of NRMSE: where an effect leaves no output more to explain, nothing slow and no chain is looked for. A stiff

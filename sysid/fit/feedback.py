@@ -18,6 +18,7 @@ and more of it; with a chirp in it, fourfold gusts and a loop of double gain, ha
 LATE_S = (0.0, 0.005, 0.01, 0.02)
 """Of the controller, tried."""
 RATES_OF_TURN = frozenset({"p", "q", "r"})
+"""Outputs that a controller feeds back as such, and integrated."""
 
 
 def refuse_feedback_alone(structure: Structure, bins: Bins) -> None:
