@@ -8,12 +8,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from sysid.data.preprocess import ComplexArray
 from sysid.model.structure import FloatArray
 
 COLUMNS = (
@@ -23,17 +24,24 @@ COLUMNS = (
 NUMBERS = COLUMNS[2:-1]
 
 
-def csv_bytes(document: Mapping[str, Any]) -> bytes:
-    """A row for each pair and frequency, COLUMNS; empty where there is no number."""
+def csv_bytes(document: Mapping[str, Any], columns: Sequence[str] = COLUMNS) -> bytes:
+    """A row for each pair and frequency; empty where there is no number."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(columns)
     for pair in document["responses"]:
-        columns = {"frequency_hz": document["frequency_hz"], **pair}
-        for at, valid in enumerate(pair["valid"]):
-            cells = ["" if columns[name][at] is None else f"{columns[name][at]:.6g}" for name in NUMBERS]
-            writer.writerow([pair["output"], pair["input"], *cells, int(valid)])
+        each = {"frequency_hz": document["frequency_hz"], **pair}
+        for at in range(len(document["frequency_hz"])):
+            writer.writerow([_cell(each[name], at) for name in columns])
     return stream.getvalue().encode()
+
+
+def _cell(column: Any, at: int) -> str:
+    """Of one pair: the same word in every row, or this row's number."""
+    if isinstance(column, str):
+        return column
+    number = column[at]
+    return "" if number is None else f"{number:.6g}"
 
 
 def json_bytes(document: Mapping[str, Any]) -> bytes:
@@ -43,24 +51,34 @@ def json_bytes(document: Mapping[str, Any]) -> bytes:
 
 def mat_bytes(document: Mapping[str, Any]) -> bytes:
     """MATLAB's format 5: `frequency_hz` (f,), the others (outputs, inputs, f) with NaN where there is no number."""
+    outputs = document["outputs"]
+    arrays = {name: cube(document, name) for name in (*NUMBERS[1:6], "window_hz", "valid")}
+    arrays["multiple_coherence"] = np.array([[_number(x) for x in document["multiple_coherence"][k]] for k in outputs])
+    return saved_mat(document, {"H": complex_cube(document), **arrays, "bounds_percent": document["bounds_percent"]})
+
+
+def cube(document: Mapping[str, Any], name: str) -> FloatArray:
+    """One column of all pairs, (outputs, inputs, f)."""
+    each = {(pair["output"], pair["input"]): pair for pair in document["responses"]}
+    rows = [[[_number(x) for x in each[k, m][name]] for m in document["inputs"]] for k in document["outputs"]]
+    return np.array(rows, dtype=float)
+
+
+def complex_cube(document: Mapping[str, Any], prefix: str = "") -> ComplexArray:
+    """The responses themselves, (outputs, inputs, f)."""
+    return np.asarray(cube(document, f"{prefix}real") + 1j * cube(document, f"{prefix}imaginary"))
+
+
+def saved_mat(document: Mapping[str, Any], arrays: Mapping[str, Any]) -> bytes:
+    """Arrays with the frequencies and the names that they stand for."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.io import savemat
 
-    inputs, outputs = document["inputs"], document["outputs"]
-    each = {(pair["output"], pair["input"]): pair for pair in document["responses"]}
-
-    def cube(name: str) -> FloatArray:
-        return np.array([[[_number(x) for x in each[k, m][name]] for m in inputs] for k in outputs])
-
-    arrays: dict[str, Any] = {name: cube(name) for name in (*NUMBERS[1:6], "window_hz", "valid")}
-    arrays["H"] = cube("real") + 1j * cube("imaginary")
-    arrays["frequency_hz"] = np.array([_number(x) for x in document["frequency_hz"]])
-    arrays["omega_rad_s"] = 2 * np.pi * arrays["frequency_hz"]
-    arrays["multiple_coherence"] = np.array([[_number(x) for x in document["multiple_coherence"][k]] for k in outputs])
-    arrays["inputs"], arrays["outputs"] = (np.array(names, dtype=object) for names in (inputs, outputs))
-    arrays["bounds_percent"] = document["bounds_percent"]
+    hertz = np.array([_number(x) for x in document["frequency_hz"]])
     stream = io.BytesIO()
-    savemat(stream, arrays, oned_as="column")
+    words = {name: np.array(document[name], dtype=object) for name in ("inputs", "outputs")}
+    frequency = {"frequency_hz": hertz, "omega_rad_s": 2 * np.pi * hertz}
+    savemat(stream, {**arrays, **frequency, **words}, oned_as="column")
     return stream.getvalue()
 
 

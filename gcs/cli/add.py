@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from gcs.cli.exporting import EXPORT_HELP, add_export_option, refuse_results, write_export
 from gcs.cli.options import (
     add_airframe_option,
     add_effects_option,
@@ -17,7 +18,6 @@ from gcs.cli.options import (
     parse_reading,
     parse_words,
     print_json,
-    refuse_existing,
     refuse_plot,
     write_json,
     write_plot,
@@ -39,7 +39,7 @@ def add_parser(subparsers: Any) -> None:
         "add",
         help="add an effect, refit, show the error fall",
         description="Refit a fit's structure with one physical effect more, from the values it had.",
-        epilog=_EPILOG,
+        epilog=_EPILOG + "\n" + EXPORT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
@@ -53,6 +53,7 @@ def add_parser(subparsers: Any) -> None:
     add_airframe_option(parser)
     add_plot_option(parser, "draw the ladder")
     add_output_options(parser, "FIT2.json")
+    add_export_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -71,9 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
     band, window, profile = parse_reading(args)
     refuse_plot(args.plot, args.force)
-    refuse_existing(args.output, args.force)
-    if args.plot is not None and args.output is not None and args.plot.resolve() == args.output.resolve():
-        raise UsageError("two results cannot be written to one file")
+    refuse_results(args, args.plot)
     words = parse_words(args.effects)
     fit = load_fit(args.fit, words)
     used = {Path(one).resolve() for one in fit.model.structure.files}
@@ -93,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}", file=sys.stderr)
+    write_export(args.export, found.after, records)
     if args.json:
         print_json(document)
         for warning in found.after.warnings:

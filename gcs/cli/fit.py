@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gcs.cli.exporting import EXPORT_HELP, add_export_option, refuse_results, write_export
 from gcs.cli.options import (
     add_airframe_option,
     add_band_option,
@@ -21,7 +22,6 @@ from gcs.cli.options import (
     parse_profile,
     parse_words,
     print_json,
-    refuse_existing,
     write_json,
 )
 from sysid.model.bases import NAMES
@@ -77,7 +77,7 @@ def add_parser(subparsers: Any) -> None:
         "fit",
         help="fit a model to runs",
         description="Fit the Tip-Path-Plane (tpp), Cylinder-Dynamics (cd) or another model to several runs together.",
-        epilog=_RUNS_HELP + _VEHICLE_HELP,
+        epilog=_RUNS_HELP + _VEHICLE_HELP + "\n" + EXPORT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("runs", nargs="+", metavar="RUN")
@@ -120,6 +120,7 @@ def add_parser(subparsers: Any) -> None:
     add_log_options(parser)
     add_loop_option(parser)
     add_output_options(parser, "FIT.json")
+    add_export_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -142,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
     asked = None if args.band is None else ChosenBand(parse_band(args.band), BandFrom.GIVEN)
     window = None if args.window is None else parse_window(args.window)
     profile = parse_profile(args.profile)
-    refuse_existing(args.output, args.force)
+    refuse_results(args)
     vehicle = None if args.vehicle is None else load_vehicle(Path(args.vehicle))
     words = parse_words(args.effects)
     base = parse_base(args.model)
@@ -170,14 +171,14 @@ def run(args: argparse.Namespace) -> int:
     doubts = doubted([*records, *validation]) or not_of_one_model(fit, records)
     fit = replace(with_model_errors(fit, fitted, validation), band_from=band.source, warnings=(*doubts, *fit.warnings))
     judged = assess(fit, fitted, vehicle)
-    document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}
+    told = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}
     if args.output:
-        write_json(document, args.output)
+        write_json(told, args.output)
         print(f"wrote {args.output}", file=sys.stderr)
+    write_export(args.export, fit, fitted.records)
     if args.json:
-        print_json(document)
-        for text in fit.warnings:
-            print(f"warning: {text}", file=sys.stderr)
+        print_json(told)
+        print_notes([f"warning: {text}" for text in fit.warnings])
     else:
         print(fit_text(fit, judged.checks, judged.responses, onboard=judged.onboard))
         if vehicle is not None:
