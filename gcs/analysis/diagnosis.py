@@ -32,7 +32,7 @@ from sysid.diagnose.evidence import Candidate, instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit, MarginChange, held_gains
-from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder, winner_change
+from sysid.diagnose.matters import Remainder, judged, may_not_matter, remainder, shift, winner_change
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
@@ -145,8 +145,11 @@ Remark = (
 class Slight:
     """What an effect would do that gains little fit."""
 
+    effect: str
     points: float
     """Of NRMSE fit, all outputs as one."""
+    shift: float
+    """Of a number of the base that gains hang on, relative, at most."""
     change: MarginChange | None
     """Of the loop that is designed without it; None where no loop tells."""
     limit: Limit
@@ -157,10 +160,12 @@ class Slight:
         return None if self.change is None else self.change.over(self.limit) > 1
 
     def to_json(self) -> dict[str, Any]:
-        """`points`, `gain_db`, `phase_deg`, `matters`."""
+        """`effect`, `points`, `shift`, `gain_db`, `phase_deg`, `matters`."""
         change = self.change
         return {
+            "effect": self.effect,
             "points": finite(self.points),
+            "shift": finite(self.shift),
             "gain_db": None if change is None else finite(change.gain_db),
             "phase_deg": None if change is None else finite(change.phase_deg),
             "matters": self.matters,
@@ -191,7 +196,7 @@ class FitDiagnosis:
     remarks: tuple[Remark, ...] = ()
     """What these runs cost the answer."""
     slight: Slight | None = None
-    """What is missing by name and gains little fit."""
+    """What is missing by name and gains little fit, or would be if it mattered."""
     as_usual: bool = True
     """Whether it was asked by itself: of the catalogue alone, with the usual limits, to the end."""
 
@@ -233,7 +238,8 @@ def diagnose_fit(
         fit = refitted(fit, composed, fitted, judging, band)
     rungs: list[Step] = []
     while True:
-        answer, hiding, left = question.weighed(question.ask(fit, composed))
+        whole = question.ask(fit, composed)
+        answer, hiding, left = question.weighed(whole)
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)
@@ -248,7 +254,7 @@ def diagnose_fit(
     say(Asking(stage=Stage.FAILS))
     comparison = compare(answer.parent.model, answer.parent.dataset, fit.band_hz, quiet)
     say(Asking(stage=Stage.REASONS))
-    explanation, slight = _explained(answer), _slight(answer, limit or Limit())
+    explanation, slight = _explained(answer), _slight(whole, limit or Limit())
     say(Asking(stage=Stage.MANEUVER))
     return FitDiagnosis(
         fit=fit,
@@ -285,7 +291,9 @@ def _slight(answer: Diagnosis, limit: Limit) -> Slight | None:
     if answer.verdict != "missing" or winner is None or winner.fit is None:
         return None
     points = together(winner.fit.nrmse_percent) - together(answer.parent.nrmse_percent)
-    return None if points >= SLIGHT else Slight(points, winner_change(answer), limit)
+    if points >= SLIGHT:
+        return None
+    return Slight("+".join(answer.chain), points, shift(answer), winner_change(answer), limit)
 
 
 def _interrupted(answer: Diagnosis) -> bool:
@@ -321,7 +329,7 @@ class _Question:
 
     def weighed(self, answer: Diagnosis) -> tuple[Diagnosis, CouldHide | None, Remainder | None]:
         """The answer by what matters, with what could hide beside it; both None where it is missing by name."""
-        if answer.verdict == "missing" and self.limit is None and not hardly_seen(answer):
+        if self.limit is None and not may_not_matter(answer):
             return answer, None, None
         self.say(Asking(stage=Stage.HIDING))
         hiding = _behind(answer.parent, answer, self.users)

@@ -84,11 +84,12 @@ be gained), "remainder" (what that could do: "seen" and "margins" with "gain_db"
 one is missing by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null),
 "instrument" (how feedback is kept out of what is asked: "excitation logged", "excitation rebuilt", "prediction error",
 or not at all: "commands"), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict",
-"effect", "confidence"}], "slight": {"points" (of fit that the missing effect gains, where that is little), "gain_db",
-"phase_deg", "matters"} or null, "first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or
-null, "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains",
-"firsts"} or {"reason": "much left", "chain", "explained"} (by the best one with the likeliest effect) or null, "asked":
-{"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
+"effect", "confidence"}], "slight": {"effect" (missing, or too slight to be; where it gains little), "points" (of fit
+that it gains), "shift" (of a number of the base, relative, at most), "gain_db", "phase_deg", "matters"} or null,
+"first_answer": {"verdict", "chain", "confidence"} (before pairs were searched) or null, "unsearched_chains":
+{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or {"reason": "much
+left", "chain", "explained"} (by the best one with the likeliest effect) or null, "asked": {"version", "as_usual",
+"fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
 """
 
 

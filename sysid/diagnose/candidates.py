@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -81,6 +81,8 @@ class Ranked:
     """The same whatever their standard errors, and those at a bound of what an effect may be: doubtful values."""
     resolved: tuple[str, ...] = ()
     """Parameters of the parent that were implausible and are not any more."""
+    bounded: Mapping[str, float] = field(default_factory=dict)
+    """Its parameters at a bound: what their standard errors were, if they might move on."""
     rows: int = 1
     foretells: float = 0.0
     """Chi squared by which it foretells more than its first effect, of a chain, or than the structure itself does, if
@@ -121,10 +123,10 @@ class Ranked:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Of `values`, where the refit gives any."""
+        """Of `values`, where the refit gives any; of those at a bound as if they might move on."""
         if self.fit is None:
             return {} if self.score is None else dict(self.score.errors)
-        errors = self.fit.told[1]
+        errors = {**self.fit.told[1], **self.bounded}
         return {name: errors[name] for name in self.values if errors[name] > 0}
 
     def to_json(self) -> dict[str, Any]:
@@ -347,6 +349,8 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     model, parent = one.fit.model, reference.parent
     before, outside = values_outside(parent), values_outside(one.fit)
     now = _implausible(one.fit.asked, reference.whitening)
+    at_bound = {*one.names} & {*one.fit.estimate.at_bound} - {*one.fit.held}
+    bounded = {name: _error_at_bound(one.fit, name, reference.whitening) for name in sorted(at_bound)}
     if not now - before and out_of_reach(one.fit, outside - before):
         now |= outside
     for effect in one.own:
@@ -360,6 +364,7 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
         implausible=tuple(name for name in model.structure.names if name in now - before),
         outside=tuple(name for name in model.structure.names if name in outside - before),
         resolved=tuple(sorted(_implausible(parent.asked, reference.whitening) - outside)),
+        bounded={name: error for name, error in bounded.items() if math.isfinite(error)},
     )
 
 

@@ -30,10 +30,16 @@ def slight_sentence(found: Slight) -> str:
     """`it gains 0.2 points of fit only, and moves margins by 0.1 dB, 0.4°: it hardly matters (below 1 dB, 5°)`."""
     gain = f"it gains {found.points:.1f} points of fit only"
     if found.change is None:
-        return f"{gain}; no loop is designed on it that tells whether that matters"
+        moved = f"moves no number of the model by more than {100 * found.shift:.0f} %"
+        return f"{gain}, and {moved}; no loop is designed on it that tells whether that matters"
     limit = f"{found.limit.gain_db:g} dB, {found.limit.phase_deg:g}°"
     matters = f"it could matter (from {limit})" if found.matters else f"it hardly matters (below {limit})"
     return f"{gain}, and moves margins by {found.change.gain_db:.1f} dB, {found.change.phase_deg:.1f}°: {matters}"
+
+
+def trace_sentence(found: Slight) -> str:
+    """`servo_lag is faintly seen: it gains ...`, beside what is complete."""
+    return f"{found.effect} is faintly seen: {slight_sentence(found)}"
 
 
 def _matter(left: Remainder) -> str:

@@ -10,7 +10,7 @@ from gcs.analysis.quantities import listed, plausible_range, quantity, stands_in
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
-from gcs.analysis.text.matters import remainder_sentence, slight_sentence
+from gcs.analysis.text.matters import remainder_sentence, slight_sentence, trace_sentence
 from gcs.analysis.text.progress import before_pairs_words
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
@@ -45,6 +45,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
             _numbers("noise alone would allow", floor),
             *_weighed(found),
             *_left(found),
+            *_slight(found),
             *_before(found),
         ]
     share = f"removes {100 * (last.explained_share or 0.0):.0f} % of the avoidable error"
@@ -132,7 +133,10 @@ def _left(found: FitDiagnosis) -> list[Line]:
 
 
 def _slight(found: FitDiagnosis) -> list[Line]:
-    return [] if found.slight is None else [Sentence(slight_sentence(found.slight), "  ", "    ")]
+    if found.slight is None:
+        return []
+    words = trace_sentence if found.last.verdict == "complete" else slight_sentence
+    return [Sentence(words(found.slight), "  ", "    ")]
 
 
 def _numbers(name: str, percent: Nrmse) -> str:

@@ -200,7 +200,7 @@ def test_candidates_stand_by_what_they_explain_the_answer_first() -> None:
     ],
 )
 def test_what_gains_little_fit_is_said_to_matter_or_hardly(change: MarginChange | None, said: str) -> None:
-    words = slight_sentence(Slight(0.23, change, Limit()))
+    words = slight_sentence(Slight("servo_lag", 0.23, 0.02, change, Limit()))
     assert words.startswith("it gains 0.2 points of fit only")
     assert words.endswith(said)
 
@@ -208,8 +208,9 @@ def test_what_gains_little_fit_is_said_to_matter_or_hardly(change: MarginChange 
 def test_what_gains_much_fit_needs_no_word_on_whether_it_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs.analysis.diagnosis.winner_change", lambda answer: None)
     fit = SimpleNamespace(nrmse_percent={"p": 98.0, "q": 99.0})
-    asked: Any = SimpleNamespace(verdict="missing", winner=SimpleNamespace(fit=fit), parent=fit)
-    assert _slight(asked, Limit()) == Slight(0.0, None, Limit())
+    asked: Any = SimpleNamespace(verdict="missing", chain=("servo_lag",), winner=SimpleNamespace(fit=fit), parent=fit)
+    monkeypatch.setattr("gcs.analysis.diagnosis.shift", lambda answer: 0.0)
+    assert _slight(asked, Limit()) == Slight("servo_lag", 0.0, 0.0, None, Limit())
     asked.parent = SimpleNamespace(nrmse_percent={"p": 90.0, "q": 99.0})
     assert _slight(asked, Limit()) is None
     asked.verdict, asked.parent = "unexplained", fit

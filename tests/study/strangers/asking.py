@@ -16,7 +16,7 @@ from sysid.diagnose.clocks import clocks
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import instrumental_step
-from sysid.diagnose.matters import hardly_seen, judged, remainder
+from sysid.diagnose.matters import judged, may_not_matter, remainder
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit
@@ -128,7 +128,7 @@ def _is_added(found: Diagnosis) -> bool:
 
 def weighed(answer: Diagnosis) -> Diagnosis:
     """By what matters, as `tippath diagnose` says it."""
-    if answer.verdict == "missing" and not hardly_seen(answer):
+    if not may_not_matter(answer):
         return answer
     last, whitening = answer.parent, answer.whitening
     hiding = could_hide(last.asked, instrumental_step(last.asked, whitening), whitening, answer.division)

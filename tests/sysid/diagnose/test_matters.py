@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 from planted import TABLE_4, fly
@@ -18,7 +18,7 @@ from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import candidate
 from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit, MarginChange, held_gains, of_margins, parse_limit, seen
-from sysid.diagnose.matters import HIDES, Remainder, judged, remainder
+from sysid.diagnose.matters import FAINT_RIGHT, HIDES, Remainder, judged, may_not_matter, remainder
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.estimate import estimate
 from sysid.model.compose import compose
@@ -154,6 +154,58 @@ def test_a_guess_at_what_is_hardly_seen_and_does_not_matter_is_none(
         assert judged(answer, replace(LEFT, within_points=0.4)).verdict == "missing"
         monkeypatch.setattr(matters, "winner_change", lambda _: None)  # no loop tells what it does
         assert judged(answer, LEFT).verdict == "missing"
+
+
+@dataclass(frozen=True)
+class Grown:
+    """What a refit with one effect says, as far as it is asked."""
+
+    nrmse_percent: dict[str, float]
+    model: Model
+    linear: bool = False
+
+
+def faintly(clean: Diagnosis, log10_chance: float, gained: float, moved: float) -> Diagnosis:
+    """One effect missing that gains so many points in pitch and makes M_a so much larger."""
+    parent = clean.parent
+    at = parent.model.values.copy()
+    at[parent.model.structure.names.index("M_a")] *= 1 + moved
+    reached = {**parent.nrmse_percent, "q": parent.nrmse_percent["q"] + gained}
+    winner = replace(clean.candidates[0], fit=Grown(reached, Model(parent.model.structure, at)))  # type: ignore[arg-type]
+    named = replace(clean, verdict="missing", effect=winner.effect, chain=(winner.effect,), candidates=(winner,))
+    return replace(named, log_chance=log10_chance * math.log(10), confidence=0.96)
+
+
+@pytest.mark.usefixtures("few_effects_in_module")
+@pytest.mark.parametrize(
+    ("log10_chance", "gained", "moved", "verdict"),
+    [
+        (-8.0, 0.3, 0.02, "complete"),
+        (-12.0, 0.3, 0.02, "missing"),
+        (-8.0, 0.7, 0.02, "missing"),
+        (-8.0, 0.3, 0.08, "missing"),
+        (-8.0, 0.3, -0.08, "missing"),
+    ],
+    ids=["slight", "plainly seen", "much fit", "another model", "another model, smaller"],
+)
+def test_one_effect_that_is_faintly_seen_and_does_little_is_nothing_that_matters(
+    clean: Diagnosis,
+    monkeypatch: pytest.MonkeyPatch,
+    log10_chance: float,
+    gained: float,
+    moved: float,
+    verdict: str,
+) -> None:
+    """Play, which no margin tells of, however wide the bound on what is left is in these gusts."""
+    monkeypatch.setattr(matters, "winner_change", lambda _: None)
+    answer, wide = faintly(clean, log10_chance, gained, moved), replace(LEFT, within_points=4.0)
+    assert may_not_matter(answer) is (verdict == "complete")
+    assert judged(answer, wide).verdict == verdict
+    assert judged(replace(answer, chain=("x", "y")), wide).verdict == "missing", "two are no trace"
+    if verdict == "complete":
+        assert judged(answer, wide).confidence == FAINT_RIGHT
+        monkeypatch.setattr(matters, "winner_change", lambda _: MarginChange(gain_db=0.1, phase_deg=9.0))
+        assert judged(answer, wide) is answer, "where a loop tells that it could matter"
 
 
 def test_limits_are_read_in_decibels_and_degrees() -> None:
