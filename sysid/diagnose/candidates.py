@@ -348,9 +348,10 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
     before, outside = values_outside(parent), values_outside(one.fit)
-    now = _implausible(one.fit.asked, reference.whitening)
-    at_bound = {*one.names} & {*one.fit.estimate.at_bound} - {*one.fit.held}
-    bounded = {name: _error_at_bound(one.fit, name, reference.whitening) for name in sorted(at_bound)}
+    asked = one.fit.asked
+    now = _implausible(asked, reference.whitening)
+    at_bound = sorted({*one.names} & {*asked.estimate.at_bound} - {*asked.held})
+    bounded = {name: _error_at_bound(asked, name, reference.whitening) for name in at_bound}
     if not now - before and out_of_reach(one.fit, outside - before):
         now |= outside
     for effect in one.own:
