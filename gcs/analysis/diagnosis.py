@@ -238,8 +238,7 @@ def diagnose_fit(
         fit = refitted(fit, composed, fitted, judging, band)
     rungs: list[Step] = []
     while True:
-        whole = question.ask(fit, composed)
-        answer, hiding, left = question.weighed(whole)
+        answer, hiding, left = question.weighed(whole := question.ask(fit, composed))
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)

@@ -126,17 +126,9 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
     """
     if answer.verdict == "complete":
         return replace(answer, confidence=answer.confidence * (1 - HIDES * left.unseen))
-    change = winner_change(answer) if answer.verdict == "missing" else left.seen
-    harmless = change is not None and change.over(left.limit) <= 1
-    trace = not answer.chain and answer.log_chance > HARDLY_SEEN
-    hardly = trace or (hardly_seen(answer) and harmless)
-    nothing = hardly or (answer.verdict == "unexplained" and (harmless or change is None))
-    little = left.within_points <= (TRACE_POINTS if trace else LITTLE_POINTS) and nothing
-    by_the_loop = answer.reason is not None and not noise_lost(answer.parent.dataset)
-    faint = slight_and_faint(answer) and (change is None or harmless)
-    if by_the_loop or not (little or faint or (asked and harmless)):
+    confidence = _that_nothing_matters(answer, left, asked)
+    if confidence is None or (answer.reason is not None and not noise_lost(answer.parent.dataset)):
         return answer
-    most = IN_DOUBT if hardly else WELL_KNOWN
     return replace(
         answer,
         verdict="complete",
@@ -150,8 +142,23 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
         explained_share=None,
         lead=None,
         sizes=(),
-        confidence=min(COMPLETE_RIGHT * (1 - HIDES * left.unseen), FAINT_RIGHT if faint else most),
+        confidence=min(COMPLETE_RIGHT * (1 - HIDES * left.unseen), confidence),
     )
+
+
+def _that_nothing_matters(answer: Diagnosis, left: Remainder, asked: bool) -> float | None:
+    """How sure it is at most, of an answer that names or leaves something; None where it may matter."""
+    change = winner_change(answer) if answer.verdict == "missing" else left.seen
+    harmless = change is not None and change.over(left.limit) <= 1
+    if slight_and_faint(answer) and (change is None or harmless):
+        return FAINT_RIGHT
+    trace = not answer.chain and answer.log_chance > HARDLY_SEEN
+    hardly = trace or (hardly_seen(answer) and harmless)
+    nothing = hardly or (answer.verdict == "unexplained" and (harmless or change is None))
+    little = left.within_points <= (TRACE_POINTS if trace else LITTLE_POINTS) and nothing
+    if not (little or (asked and harmless)):
+        return None
+    return IN_DOUBT if hardly else WELL_KNOWN
 
 
 def hardly_seen(answer: Diagnosis) -> bool:
