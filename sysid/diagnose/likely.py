@@ -206,23 +206,41 @@ def with_tethers(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Cla
     return replace(among, alike=_of_use(among, more))
 
 
-def with_late(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
-    """The class of what makes answers late with the other forms of that which explain nearly as much, however they
-    ring; before what is of none. No more than are of use."""
+def with_late(among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = ()) -> Class:
+    """The class of what makes answers late, alone or in a chain, with the other forms of that which explain nearly as
+    much, however they ring; before what is of none. No more than are of use."""
     known = among.named_with(winner)
-    if len(winner.effects) > 1 or not any(winner.effect in form for form in LATE):
-        return among
+    rivals = [*_late_rivals(winner, among, singles, chains)]
     more: dict[str, tuple[str, ...]] = {}
     for form in filter(known.isdisjoint, LATE):
-        nearly = [one for one in singles if one.effect in form and _late_as_well(one, winner)]
+        nearly = [(name, one) for name, one in rivals if name in form and _late_as_well(one, winner)]
         if nearly:
-            head = min(nearly, key=lambda one: one.delta_bic)
-            more[head.effect] = tuple(one.effect for one in nearly if one is not head and same(one, head, winner))
+            first, head = min(nearly, key=lambda each: each[1].delta_bic)
+            more[first] = tuple(name for name, one in nearly if one is not head and same(one, head, winner))
     if not more:
         return among
-    late = [name for name in among.alike if any(name in form for form in LATE)]
+    late = [name for name in among.alike if _is_late(name)]
     alike = dict.fromkeys([*late, *more, *among.alike])
     return replace(among, alike=tuple(alike)[: USEFUL - 1], equivalent={**among.equivalent, **more})
+
+
+def _late_rivals(
+    winner: Ranked, among: Class, singles: Sequence[Ranked], chains: Sequence[Ranked]
+) -> Iterator[tuple[str, Ranked]]:
+    """Candidates that have something else in the place of what makes the winner's answers late; its name with each."""
+    if len(winner.effects) == 1:
+        yield from ((one.effect, one) for one in singles if _is_late(winner.effect))
+        return
+    for half, other in (winner.effects, winner.effects[::-1]):
+        stays = {other, *among.equivalent.get(other, ())}
+        for one in chains if _is_late(half) else ():
+            names = [name for name in one.effects if name not in stays]
+            if len(names) == 1 and len(one.effects) == len(winner.effects):
+                yield names[0], one
+
+
+def _is_late(name: str) -> bool:
+    return any(name in form for form in LATE)
 
 
 def _late_as_well(one: Ranked, winner: Ranked) -> bool:

@@ -368,7 +368,8 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     """Also by what the log lost of the commands."""
     assert winner.fit is not None
     among = with_unasked(declared(winner, answers), winner, singles, pairs)
-    among = with_late(with_tethers(with_twins(among, winner, singles), winner, singles), winner, singles)
+    among = with_tethers(with_twins(among, winner, singles), winner, singles)
+    among = with_late(among, winner, singles, pairs)
     runs = winner.fit.dataset
     if samples_lost(runs):
         return where_samples_are_lost(among, winner, singles, pairs)

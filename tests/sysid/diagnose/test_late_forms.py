@@ -59,6 +59,27 @@ def test_they_come_before_what_is_of_no_such_form_and_are_no_more_than_of_use() 
     assert len(found.alike) == USEFUL - 1
 
 
+@pytest.mark.usefixtures("plain")
+def test_so_they_are_beside_another_effect() -> None:
+    """A filter of the gyros beside a coupling: a lag beside it explained 3,481 for its 3,476."""
+
+    def beside(name: str, chi_squared: float, *more: str) -> Ranked:
+        one = fitted(name, chi_squared, measured=True)
+        return replace(one, effects=(name, *(more or ("input_coupling",))))
+
+    chain = beside("servo_lag", 3481.0)
+    filters = [beside("gyro_filter", 3476.0), beside("servo_second_order", 3476.0), beside("transport_delay", 3470.0)]
+    found = with_late(AMONG, chain, [FILTER, DELAY], [chain, *filters])
+    assert found.alike == ("gyro_filter",)
+    assert found.equivalent == {"gyro_filter": ("servo_second_order",)}
+    turned = replace(filters[0], effects=filters[0].effects[::-1])
+    assert with_late(AMONG, chain, [], [chain, turned]).alike == ("gyro_filter",), "in either order"
+    elsewhere = [beside("gyro_filter", 3480.0, "hub_gyroscopics"), beside("transport_delay", 3480.0, "lead_lag")]
+    assert with_late(AMONG, chain, [], [chain, *elsewhere]) == AMONG, "beside something else"
+    bare = replace(chain, effects=("hub_gyroscopics", "input_coupling"))
+    assert with_late(AMONG, bare, [], [bare, filters[0]]) == AMONG, "where nothing is late"
+
+
 @pytest.mark.parametrize(
     ("winner", "other"),
     [
