@@ -351,7 +351,7 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     asked = one.fit.asked
     now = _implausible(asked, reference.whitening)
     at_bound = sorted({*one.names} & {*asked.estimate.at_bound} - {*asked.held})
-    bounded = {name: _error_at_bound(asked, name, reference.whitening) for name in at_bound}
+    bounded = {name: _error_off_bounds(asked, name, (), reference.whitening) for name in at_bound}
     if not now - before and out_of_reach(one.fit, outside - before):
         now |= outside
     for effect in one.own:
@@ -385,8 +385,9 @@ def _implausible(one: Candidate, whitening: Whitening) -> set[str]:
         if not parameter.implausible(one.model[name]):
             continue
         error = one.standard_errors[name]
-        if name in one.estimate.at_bound and name not in one.held:
-            error = _error_at_bound(one, name, whitening)
+        beside = _at_bound_beside(one, name)
+        if beside or (name in one.estimate.at_bound and name not in one.held):
+            error = _error_off_bounds(one, name, beside, whitening)
         if parameter.sizes:
             error *= _surely(_effect_of(one, name)) / SURELY
         if parameter.implausible(one.model[name], error) and not _means_nothing(one, name):
@@ -430,18 +431,26 @@ def _means_nothing(one: Candidate, name: str) -> bool:
     return bool(np.linalg.norm(moved) <= INDEPENDENT * np.linalg.norm([np.linalg.norm(each.Y) for each in answers]))
 
 
-def _error_at_bound(one: Candidate, name: str, whitening: Whitening) -> float:
-    """What the standard error of a parameter at its bound were, if it might move on; infinite where it does nothing."""
+def _at_bound_beside(one: Candidate, name: str) -> tuple[str, ...]:
+    """Other parameters of the same effect that are at their bounds: the vehicle's need not be."""
+    effect = _effect_of(one, name)
+    own = () if effect is None else effect.names
+    return tuple(each for each in own if each != name and each in one.estimate.at_bound and each not in one.held)
+
+
+def _error_off_bounds(one: Candidate, name: str, beside: Sequence[str], whitening: Whitening) -> float:
+    """What the standard error of a parameter were, if it and those beside it might move on from their bounds; infinite
+    where it does nothing that they could not."""
     structure, values = one.model.structure, one.model.values
-    place = structure.names.index(name)
-    stacks = one.dataset.stacks
-    rows = whitening([respond(structure, values, group, True).slopes[[place]] for group in stacks])
-    own = rows[0]
-    if len(one.J):
-        J = whitening(one.J)
+    places = [structure.names.index(each) for each in (name, *beside)]
+    moved = whitening([respond(structure, values, group, True).slopes[places] for group in one.dataset.stacks])
+    others = [*moved[1:], *(row for each, row in zip(one.free, whitening(one.J), strict=True) if each != name)]
+    own = moved[0]
+    if others:
+        J = np.stack(others)
         own = own - np.linalg.lstsq(J.T, own, rcond=1e-10)[0] @ J
     size = float(np.linalg.norm(own))
-    return 1 / size if size > INDEPENDENT * float(np.linalg.norm(rows[0])) else math.inf
+    return 1 / size if size > INDEPENDENT * float(np.linalg.norm(moved[0])) else math.inf
 
 
 def rank(one: Ranked) -> tuple[int, float]:

@@ -61,9 +61,9 @@ LATE = (
 LATE_APART, LATE_SHARE = 25.0, 0.1
 """Chi squared, SAME where an excitation is logged, and share of the answer's, by which one of another form may explain
 less and be as good: what tells the forms apart is small beside what all do, and without an excitation hangs on how the
-gusts were foretold. Of 298 such names on strangers that four judgements had spent four were of the wrong form, right
-ones being behind by 6 to 23 (a delay of 2 ms by a filter that rings), or implausible for how they ring; with an
-excitation two of 383, by 1.7 and 8."""
+gusts were foretold; on a log that lost samples of the commands the share alone counts. Of 298 such names on strangers
+that four judgements had spent four were of the wrong form, right ones being behind by 6 to 23 (a delay of 2 ms by a
+filter that rings), or implausible for how they ring; with an excitation two of 383, by 1.7 and 8."""
 AT_AN_END = 0.75
 """Of the answer's chi squared, that a tether explains at least where that answer stands at an end of its range: of
 strangers that judgements had spent ten of ten that were named slipstream_wing, dynamic_inflow or speed_stability with
@@ -206,14 +206,17 @@ def with_tethers(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Cla
     return replace(among, alike=_of_use(among, more))
 
 
-def with_late(among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = ()) -> Class:
+def with_late(
+    among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = (), lost: bool = False
+) -> Class:
     """The class of what makes answers late, alone or in a chain, with the other forms of that which explain nearly as
-    much, however they ring; before what is of none. No more than are of use."""
+    much, however they ring, or on a log that `lost` samples of the commands a large part of it; before what is of
+    none. No more than are of use."""
     known = among.named_with(winner)
     rivals = [*_late_rivals(winner, among, singles, chains)]
     more: dict[str, tuple[str, ...]] = {}
     for form in filter(known.isdisjoint, LATE):
-        nearly = [(name, one) for name, one in rivals if name in form and _late_as_well(one, winner)]
+        nearly = [(name, one) for name, one in rivals if name in form and _late_as_well(one, winner, lost)]
         if nearly:
             first, head = min(nearly, key=lambda each: each[1].delta_bic)
             more[first] = tuple(name for name, one in nearly if one is not head and same(one, head, winner))
@@ -243,12 +246,12 @@ def _is_late(name: str) -> bool:
     return any(name in form for form in LATE)
 
 
-def _late_as_well(one: Ranked, winner: Ranked) -> bool:
+def _late_as_well(one: Ranked, winner: Ranked, lost: bool) -> bool:
     """Whether one of another form explains nearly as much, at possible values, however it rings."""
     assert winner.fit is not None
     if one.fit is None or not {*one.implausible} <= {"zeta"}:
         return False
-    apart = SAME if winner.fit.division.measured else LATE_APART
+    apart = math.inf if lost else SAME if winner.fit.division.measured else LATE_APART
     return winner.chi_squared - one.chi_squared <= min(apart, LATE_SHARE * winner.chi_squared)
 
 

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,10 @@ from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
 from sysid.model.relaxation import RelaxationError
 
-CERTAIN = 3.0
-"""Standard errors of a difference that chance may make;"""
-BY_CHANCE = math.log(0.0027)
-"""and the logarithm of its chance, where what the other runs lose by the sizes as they were fitted tells it: standard
+CHANCE = 0.0027
+"""Of differences as large as one that is told, in one of all sizes that are asked;"""
+BY_CHANCE = math.log(CHANCE)
+"""and its logarithm, where what the other runs lose by the sizes as they were fitted tells it: standard
 errors of a mode that hardly shows there bound nothing."""
 LITTLE = 0.03
 """Of what the entry explains of the other runs with its sizes as they were fitted, that it may lose by these: as much
@@ -50,6 +51,8 @@ class Size:
     elsewhere_error: float
     whole: float = 0.0
     """The largest of its effect in its unit, on either: what the rest of a coupling adds is small beside that."""
+    asked: int = 1
+    """Sizes that are compared, this among them: of four one is soon off by more than three standard errors."""
     by_chance: bool = False
     """Whether the other runs are followed as well, but for chance or a little of what the entry explains, with all
     sizes as they were fitted."""
@@ -59,7 +62,8 @@ class Size:
         """By which share of the largest they differ at least, chance taken off: 0 where it may be chance."""
         if self.by_chance:
             return 0.0
-        apart = abs(self.elsewhere - self.fitted) - CERTAIN * float(np.hypot(self.error, self.elsewhere_error))
+        certain = -NormalDist().inv_cdf(CHANCE / 2 / self.asked)
+        apart = abs(self.elsewhere - self.fitted) - certain * float(np.hypot(self.error, self.elsewhere_error))
         return max(0.0, apart) / max(self.whole, abs(self.fitted), abs(self.elsewhere), 1e-300)
 
     def to_json(self) -> dict[str, Any]:
@@ -134,7 +138,7 @@ def _beside(one: Candidate, again: Estimate, effects: Sequence[Effect], fixed: M
             if told and np.all(np.isfinite((size.fitted, size.error, size.elsewhere, size.elsewhere_error))):
                 own.append(size)
         found += [replace(one, whole=_largest(own, one.parameter.unit)) for one in own]
-    return found
+    return [replace(one, asked=len(found)) for one in found]
 
 
 def _as_well(

@@ -369,8 +369,8 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     assert winner.fit is not None
     among = with_unasked(declared(winner, answers), winner, singles, pairs)
     among = with_tethers(with_twins(among, winner, singles), winner, singles)
-    among = with_late(among, winner, singles, pairs)
     runs = winner.fit.dataset
+    among = with_late(among, winner, singles, pairs, samples_lost(runs))
     if samples_lost(runs):
         return where_samples_are_lost(among, winner, singles, pairs)
     if untold_sample_s(runs) is not None:

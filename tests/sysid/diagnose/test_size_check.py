@@ -145,3 +145,11 @@ def test_what_loses_little_of_all_that_it_explains_elsewhere_is_not_off(monkeypa
     assert before.verdict == "unexplained"
     assert [one.parameter.name for one in before.sizes_that_differ] == ["frequency_roll"]
     sizes.cache_clear()
+
+
+def test_of_many_sizes_one_is_soon_another_by_chance() -> None:
+    """The drag of a hover's drift, one of four numbers, was of the other sign on doublets in slow gusts."""
+    parameter = Parameter("M_u", "rad/s/m", "", plausible=(-10.0, 10.0))
+    alone = Size(parameter=parameter, fitted=6.37, error=1.13, elsewhere=-5.62, elsewhere_error=3.3)
+    assert alone.off > LARGEST_DIFFERENCE
+    assert replace(alone, asked=4).off < LARGEST_DIFFERENCE
