@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from sysid.diagnose.candidates import Ranked, Reference, composed_with, heard, ranked, score_effects
 from sysid.diagnose.evidence import Candidate
-from sysid.diagnose.levelled import as_alone, begun_at_rest, levelled, near_another
+from sysid.diagnose.levelled import as_alone, as_their_twins, begun_at_rest, levelled, near_another
 from sysid.diagnose.likely import SAME, do_else, impossible, twins
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.refits import PRICES, as_scored, does_nothing, goes_by_its_score, refitted
@@ -256,6 +256,7 @@ class FittedChains:
             return
         try:
             self.found |= levelled(self.best, self.found, self.alone, self.reference)
+            self.found |= as_their_twins(self.best, self.found, self.single, self.reference)
             self.found |= begun_at_rest(self.found, self.reference)
         except KeyboardInterrupt:
             self.interrupt()

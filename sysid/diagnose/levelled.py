@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnose.candidates import Ranked, Reference, composed_with, ranked
-from sysid.diagnose.likely import SAME, rest_otherwise
+from sysid.diagnose.likely import LATE_APART, SAME, rest_otherwise, twins
 from sysid.diagnose.refits import begun_at, refit_or_reason
 from sysid.errors import FitError
 from sysid.model.effect import Effect, EffectError, named_effect
@@ -61,6 +61,48 @@ def _from_there(chain: Ranked, best: Ranked, other: Ranked, reference: Reference
     return None if there is None or there.fit is None else there
 
 
+def as_their_twins(
+    best: Ranked, chains: Mapping[tuple[str, ...], Ranked], single: Mapping[str, Ranked], reference: Reference
+) -> dict[tuple[str, ...], Ranked]:
+    """Of these chains those beside a drag, or what else is not linear, that are likelier from where one ended that has
+    a twin in the place of a half and is nearly as good as the best. (Servos of second order beside a drag ended 76 of
+    chi squared behind a filter of the gyros, which alone is the same.)
+    """
+    found: dict[tuple[str, ...], Ranked] = {}
+    near = [one for one in chains.values() if best.chi_squared - one.chi_squared <= LATE_APART]
+    for names, chain in chains.items():
+        if chain.fit is None or chain.fit.model.structure.linear:
+            continue
+        for there in near:
+            halves = _exchanged(chain, there, single)
+            if halves is None or there.chi_squared - chain.chi_squared <= SAME:
+                continue
+            again = _fitted_as(chain, _by_place(chain, there, *halves), reference)
+            if again.delta_bic < chain.delta_bic and not again.implausible:
+                found[names] = again
+                break
+    return found
+
+
+def _exchanged(chain: Ranked, there: Ranked, single: Mapping[str, Ranked]) -> tuple[str, str] | None:
+    """The half of each that the other has not, where these are twins and all else is the same."""
+    own, others = set(chain.effects) - set(there.effects), set(there.effects) - set(chain.effects)
+    if len(own) != 1 or len(others) != 1 or not own | others <= set(single):
+        return None
+    (half,), (twin,) = own, others
+    known = single[half].stepped is not None and single[twin].stepped is not None
+    return (half, twin) if known and twins(single[half], single[twin]) else None
+
+
+def _by_place(chain: Ranked, there: Ranked, half: str, twin: str) -> dict[str, float]:
+    """Where a chain ended, by the names that the values of its twin have."""
+    assert there.fit is not None
+    known = there.fit.model.by_name
+    mine = [name for effect in chain.own_of(half) for name in effect.names]
+    its = [name for effect in there.own_of(twin) for name in effect.names]
+    return known | {name: known[as_its] for name, as_its in zip(mine, its, strict=False)}
+
+
 def begun_at_rest(chains: Mapping[tuple[str, ...], Ranked], reference: Reference) -> dict[tuple[str, ...], Ranked]:
     """Of the best plausible one of these chains and those with play for its dead band, or the other way round, those
     that are likelier from where that one ended.
@@ -92,13 +134,19 @@ def _resting_as(one: Ranked, there: Ranked, resting: tuple[Effect, Effect], refe
     assert there.fit is not None
     assert own.rests_within is not None
     assert others.rests_within is not None
-    model, known = one.fit.model, there.fit.model.by_name
+    known = there.fit.model.by_name
     here, behind = _stays_behind(own), _stays_behind(others)
     times = behind / here if min(here, behind) > 0 else 1.0
-    near = _at(model.structure, {**known, own.rests_within: times * known[others.rests_within]})
-    fit, _ = refit_or_reason(model.structure, reference.parent, one.fit.added, near)
-    again = one if fit is None else ranked(replace(one, fit=fit), reference)
+    again = _fitted_as(one, {**known, own.rests_within: times * known[others.rests_within]}, reference)
     return again if again.delta_bic < one.delta_bic and not again.implausible else None
+
+
+def _fitted_as(one: Ranked, known: Mapping[str, float], reference: Reference) -> Ranked:
+    """A chain fitted once more from these values; itself where that has no fit."""
+    assert one.fit is not None
+    structure = one.fit.model.structure
+    fit, _ = refit_or_reason(structure, reference.parent, one.fit.added, _at(structure, known))
+    return one if fit is None else ranked(replace(one, fit=fit), reference)
 
 
 def _stays_behind(resting: Effect) -> float:

@@ -12,7 +12,7 @@ class is the fewest answers that together are nearly certain.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -263,12 +263,17 @@ def _at_an_end(one: Ranked) -> bool:
     return any(each.name in bound and each.implausible(model[each.name]) for each in own)
 
 
-def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class:
+def with_twins(
+    among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] | None = None
+) -> Class:
     """The class of a chain with what is one with an entry of it alone: beside what is linear, or acts on samples of the
     commands before it, it is so too, wherever a fit of its own ended, if there was one, and however implausible it was
-    alone: that hangs on what else there is."""
-    if len(winner.effects) == 1 or not all(effect.linear or effect.samples is not None for effect in winner.own):
+    alone: that hangs on what else there is. Beside a drag it need not be: there it is as good where it is in none of
+    the `chains`, for nothing tells them apart then."""
+    if len(winner.effects) == 1:
         return among
+    sure = all(effect.linear or effect.samples is not None for effect in winner.own)
+    asked = {frozenset(one.effects) for one in chains or () if one.fit is not None}
     fitted = [one for one in singles if one.stepped is not None]
     known = among.named_with(winner)
     equivalent = dict(among.equivalent)
@@ -281,12 +286,18 @@ def with_twins(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Class
             for each in fitted
             if each.effect not in known
             and twins(one, each)
+            and (sure or (chains is not None and not any(_beside_half(each, winner, asked))))
             and (not each.implausible or (_fits(each, winner, one) if half else _as_plausible(each, one)))
         ]
         known.update(more)
         if more:
             equivalent[one.effect] = (*equivalent.get(one.effect, ()), *more)
     return replace(among, equivalent=equivalent)
+
+
+def _beside_half(one: Ranked, winner: Ranked, asked: Container[frozenset[str]]) -> Iterator[bool]:
+    """For each half of a chain whether this one was fitted beside it."""
+    return (frozenset((one.effect, half)) in asked for half in winner.effects)
 
 
 def _fits(twin: Ranked, chain: Ranked, half: Ranked) -> bool:

@@ -28,7 +28,7 @@ from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
 from sysid.model.relaxation import RelaxationError
 
-CHANCE = 0.0027
+CHANCE = 2 * NormalDist().cdf(-3.0)
 """Of differences as large as one that is told, in one of all sizes that are asked;"""
 BY_CHANCE = math.log(CHANCE)
 """and its logarithm, where what the other runs lose by the sizes as they were fitted tells it: standard

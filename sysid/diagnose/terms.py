@@ -139,6 +139,13 @@ class Entry:
         return all(len(factors) == 1 and factors[0].form == "plain" for _, factors in self.parts)
 
     @property
+    def bends(self) -> bool:
+        """Whether it bends commands by powers of their own: what gives way does, and a limit hardly does otherwise."""
+        commands = {row for row, _ in self.parts} <= {*COMMANDS}
+        powers = all(len(one) > 1 and {(x.signal, x.form) for x in one} == {(row, "plain")} for row, one in self.parts)
+        return commands and powers
+
+    @property
     def signals(self) -> int:
         """How many signals it is made of; rates, which are sums of others, count twice."""
         _, expression = self.parts[0]

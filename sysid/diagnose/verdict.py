@@ -368,9 +368,10 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     """Also by what the log lost of the commands."""
     assert winner.fit is not None
     among = with_unasked(declared(winner, answers), winner, singles, pairs)
-    among = with_tethers(with_twins(among, winner, singles), winner, singles)
+    among = with_tethers(with_twins(among, winner, singles, pairs), winner, singles)
     runs = winner.fit.dataset
     among = with_late(among, winner, singles, pairs, samples_lost(runs))
+    among = with_twins(among, winner, singles, pairs)
     if samples_lost(runs):
         return where_samples_are_lost(among, winner, singles, pairs)
     if untold_sample_s(runs) is not None:

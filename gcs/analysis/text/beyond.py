@@ -20,6 +20,16 @@ def beyond_sentences(last: Diagnosis) -> tuple[str, ...]:
     term = last.term or next(iter(beside), None)
     if term is not None and not of_responses(last):
         others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
-        does = "would do much" if last.term is None else f"alone does more than {' + '.join(short_names(last.chain))}"
+        does = (
+            "would do much"
+            if last.term is None
+            else f"alone does {_how_much(last)} {' + '.join(short_names(last.chain))}"
+        )
         sentences.append(f"a simple term {does}: {term.entry.equation}{others}")
     return tuple(sentences)
+
+
+def _how_much(last: Diagnosis) -> str:
+    """Of what is nearest: a limit only resembles what a power of the commands does nearly as well."""
+    more = last.term is None or last.winner is None or last.term.chi_squared > last.winner.chi_squared
+    return "more than" if more else "as much as"

@@ -47,6 +47,8 @@ POWER_IN_A_LOOP = 4066036
 """Power that fades, in a loop whose excitation nobody logged: a drift of the hover leaves an eighth of it."""
 CUBIC_POWER, PRODUCT = 4065460, 4059806
 """Links that give, whose excitation nobody logged, and a product of rates, where it is."""
+GIVING_A_TENTH = 4390100
+"""Where it is: a tenth of the command at its usual size, named a limit at 0.99."""
 YAWING, COLLECTIVE_AND_INFLOW = 4071106, 4059914
 
 
@@ -250,6 +252,12 @@ def test_what_leaves_much_by_the_noise_is_not_named_by_powers(seed: int, monkeyp
             "feedback alone could make what is left: log the excitation",
         ),
         (
+            ("servo_saturation",),
+            GIVING_A_TENTH,
+            "delta_x += X_delta_x3 delta_x^3, delta_y += Y_delta_y3 delta_y^3",
+            "more likely only resembles what is there",
+        ),
+        (
             ("hub_gyroscopics",),
             PRODUCT,
             "p_dot += L_q_abs_p q|p|, q_dot += M_p_abs_q p|q|",
@@ -271,6 +279,7 @@ def test_what_a_simple_term_explains_far_better_is_not_named(
     (told,) = beyond_sentences(found)
     assert told.startswith(f"a simple term alone does more than {found.chain[0]}: {equation}")
     monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
+    monkeypatch.setattr(shares, "OF_A_BEND", math.inf)
     without = ask_runs(runs)
     assert (without.verdict, without.chain, without.term) == ("missing", found.chain, None)
 
