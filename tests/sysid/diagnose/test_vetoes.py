@@ -237,6 +237,7 @@ def test_what_leaves_much_by_the_noise_is_not_named_by_powers(seed: int, monkeyp
     assert answer(found).endswith("more likely only resembles what is there")
     monkeypatch.setattr(shares, "EXPLAINED_BY_NOISE", 0.7)
     monkeypatch.setattr(shares, "MORE_BY_A_TERM", math.inf)
+    monkeypatch.setattr(shares, "OF_A_BEND", math.inf)
     by_powers = ask_runs(runs)
     assert (by_powers.verdict, by_powers.chain) == ("missing", found.chain)
 
