@@ -48,10 +48,12 @@ ALIKE = 0.2
 BETWEEN_SAMPLES = 1 / 3
 """Of the answer's chi squared: what acts on samples and has so much is as good where a log lost some. 9 strange flights
 of play or a dead band, at 50 to 125 Hz, were named one of the two, 3 wrongly; then the right one had 0.39 to 0.88."""
-PERHAPS_BETWEEN_SAMPLES = 0.5
+PERHAPS_BETWEEN_SAMPLES = 0.8
 """The same where a log may have lost some, and does not tell: a play was named at 0.995 by every second command of a
-loop, where the dead band that was there had 0.86 of what that explained, and at 0.97 by every fourth, where it had 0.58
-of it, no excitation on record."""
+loop, where the dead band that was there had 0.86 of what that explained;"""
+PERHAPS_AT_REST = 0.5
+"""and of play and a dead band without an excitation on record: by every fourth command a play was named at 0.97, where
+the dead band that was there had 0.58 of it."""
 LATE = (
     ("servo_lag", "motor_lag", "gyro_lag", "lag_per_axis"),
     ("transport_delay",),
@@ -61,9 +63,9 @@ LATE = (
 LATE_APART, LATE_SHARE = 25.0, 0.1
 """Chi squared, SAME where an excitation is logged, and share of the answer's, by which one of another form may explain
 less and be as good: what tells the forms apart is small beside what all do, and without an excitation hangs on how the
-gusts were foretold; on a log that lost samples of the commands the share alone counts. Of 298 such names on strangers
-that four judgements had spent four were of the wrong form, right ones being behind by 6 to 23 (a delay of 2 ms by a
-filter that rings), or implausible for how they ring; with an excitation two of 383, by 1.7 and 8."""
+gusts were foretold. Of 298 such names on strangers that four judgements had spent four were of the wrong form, right
+ones being behind by 6 to 23 (a delay of 2 ms by a filter that rings), or implausible for how they ring; with an
+excitation two of 383, by 1.7 and 8."""
 AT_AN_END = 0.75
 """Of the answer's chi squared, that a tether explains at least where that answer stands at an end of its range: of
 strangers that judgements had spent ten of ten that were named slipstream_wing, dynamic_inflow or speed_stability with
@@ -135,7 +137,7 @@ def where_samples_are_lost(
     if len(winner.effects) > 1:
         others = [*_in_the_place_of_a_half(winner, among, singles, chains, share)]
     elif _on_samples(winner):
-        others = [(one, one.effect, share * winner.chi_squared) for one in singles if _on_samples(one)]
+        others = [(one, one.effect, _least(one, winner, share)) for one in singles if _on_samples(one)]
     else:
         return among
     known = among.named_with(winner)
@@ -146,6 +148,13 @@ def where_samples_are_lost(
         if one.fit is not None and set(one.implausible) <= allowed and one.chi_squared >= least and name not in known
     ]
     return replace(among, alike=_of_use(among, more))
+
+
+def _least(one: Ranked, winner: Ranked, share: float) -> float:
+    """Chi squared from which on one that acts on samples is as good as another, by the share that it needs of it."""
+    assert winner.fit is not None
+    rest = not winner.fit.division.measured and all(effect.rests_within for effect in (*one.own, *winner.own))
+    return (min(share, PERHAPS_AT_REST) if rest else share) * winner.chi_squared
 
 
 def _of_use(among: Class, more: Sequence[str]) -> tuple[str, ...]:
@@ -206,17 +215,14 @@ def with_tethers(among: Class, winner: Ranked, singles: Sequence[Ranked]) -> Cla
     return replace(among, alike=_of_use(among, more))
 
 
-def with_late(
-    among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = (), lost: bool = False
-) -> Class:
+def with_late(among: Class, winner: Ranked, singles: Sequence[Ranked], chains: Sequence[Ranked] = ()) -> Class:
     """The class of what makes answers late, alone or in a chain, with the other forms of that which explain nearly as
-    much, however they ring, or on a log that `lost` samples of the commands a large part of it; before what is of
-    none. No more than are of use."""
+    much, however they ring; before what is of none. No more than are of use."""
     known = among.named_with(winner)
     rivals = [*_late_rivals(winner, among, singles, chains)]
     more: dict[str, tuple[str, ...]] = {}
     for form in filter(known.isdisjoint, LATE):
-        nearly = [(name, one) for name, one in rivals if name in form and _late_as_well(one, winner, lost)]
+        nearly = [(name, one) for name, one in rivals if name in form and _late_as_well(one, winner)]
         if nearly:
             first, head = min(nearly, key=lambda each: each[1].delta_bic)
             more[first] = tuple(name for name, one in nearly if one is not head and same(one, head, winner))
@@ -246,12 +252,12 @@ def _is_late(name: str) -> bool:
     return any(name in form for form in LATE)
 
 
-def _late_as_well(one: Ranked, winner: Ranked, lost: bool) -> bool:
+def _late_as_well(one: Ranked, winner: Ranked) -> bool:
     """Whether one of another form explains nearly as much, at possible values, however it rings."""
     assert winner.fit is not None
     if one.fit is None or not {*one.implausible} <= {"zeta"}:
         return False
-    apart = math.inf if lost else SAME if winner.fit.division.measured else LATE_APART
+    apart = SAME if winner.fit.division.measured else LATE_APART
     return winner.chi_squared - one.chi_squared <= min(apart, LATE_SHARE * winner.chi_squared)
 
 
@@ -275,24 +281,26 @@ def with_twins(
     sure = all(effect.linear or effect.samples is not None for effect in winner.own)
     asked = {frozenset(one.effects) for one in chains or () if one.fit is not None}
     fitted = [one for one in singles if one.stepped is not None]
+    able = [one for one in fitted if sure or (chains is not None and not any(_beside_half(one, winner, asked)))]
     known = among.named_with(winner)
     equivalent = dict(among.equivalent)
     for one in fitted:
-        half = one.effect in winner.effects
-        if not half and one.effect not in among.alike:
+        if one.effect not in (*winner.effects, *among.alike):
             continue
-        more = [
-            each.effect
-            for each in fitted
-            if each.effect not in known
-            and twins(one, each)
-            and (sure or (chains is not None and not any(_beside_half(each, winner, asked))))
-            and (not each.implausible or (_fits(each, winner, one) if half else _as_plausible(each, one)))
-        ]
+        more = [each.effect for each in able if each.effect not in known and _stands_for(each, one, winner)]
         known.update(more)
         if more:
             equivalent[one.effect] = (*equivalent.get(one.effect, ()), *more)
     return replace(among, equivalent=equivalent)
+
+
+def _stands_for(twin: Ranked, one: Ranked, chain: Ranked) -> bool:
+    """Whether it is one with this half of a chain, or of its class, and may be what that is."""
+    if not twins(one, twin):
+        return False
+    if not twin.implausible:
+        return True
+    return _fits(twin, chain, one) if one.effect in chain.effects else _as_plausible(twin, one)
 
 
 def _beside_half(one: Ranked, winner: Ranked, asked: Container[frozenset[str]]) -> Iterator[bool]:

@@ -253,7 +253,7 @@ class Shares:
         assert one.fit is not None
         term = self.term(self.parent)
         if term is not None and term.entry.bends and _limits(one):
-            return term if term.chi_squared >= OF_A_BEND * one.chi_squared else None
+            return term if term.chi_squared >= OF_A_BEND * max(one.chi_squared, one.foretells) else None
         if term is None or one.chi_squared > min(OF_A_TERM * term.chi_squared, term.chi_squared - MORE_BY_A_TERM):
             return None
         beside = self.term(one.fit)  # asked last: it is of the few that are so far behind

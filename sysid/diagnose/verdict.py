@@ -370,7 +370,7 @@ def _declared(winner: Ranked, answers: Sequence[Ranked], singles: Sequence[Ranke
     among = with_unasked(declared(winner, answers), winner, singles, pairs)
     among = with_tethers(with_twins(among, winner, singles, pairs), winner, singles)
     runs = winner.fit.dataset
-    among = with_late(among, winner, singles, pairs, samples_lost(runs))
+    among = with_late(among, winner, singles, pairs)
     among = with_twins(among, winner, singles, pairs)
     if samples_lost(runs):
         return where_samples_are_lost(among, winner, singles, pairs)

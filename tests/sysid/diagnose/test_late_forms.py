@@ -60,16 +60,6 @@ def test_they_come_before_what_is_of_no_such_form_and_are_no_more_than_of_use() 
 
 
 @pytest.mark.usefixtures("plain")
-def test_where_samples_are_lost_a_large_part_is_as_good() -> None:
-    """A lag of 3.7 ms at 50 of 250 Hz, which was a delay."""
-    far = fitted("transport_delay", 500.0 - 1.8 * LATE_APART)
-    assert with_late(AMONG, FILTER, [FILTER, far]) == AMONG
-    assert with_late(AMONG, FILTER, [FILTER, far], lost=True).alike == ("transport_delay",)
-    farther = fitted("transport_delay", 500.0 * (1 - LATE_SHARE) - 1)
-    assert with_late(AMONG, FILTER, [FILTER, farther], lost=True) == AMONG
-
-
-@pytest.mark.usefixtures("plain")
 def test_so_they_are_beside_another_effect() -> None:
     """A filter of the gyros beside a coupling: a lag beside it explained 3,481 for its 3,476."""
 
