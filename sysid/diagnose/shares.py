@@ -71,8 +71,8 @@ what is foretold where the chirp shows) and left 11, 14 and shares of 0.003 to 0
 what the catalogue does not have 22 were, and left 27 and 0.07 or more. Mostly the term was what was there."""
 OF_A_BEND = 0.9
 """Of the chi squared that a limit of the commands explains, that a power of theirs explains at least for the limit only
-to resemble it: of links that give way, named as limits at 0.99, it explained 1.0 to 1.4 of 74 to 228, of six limits
-with 57 to 357 none more than 0.6."""
+to resemble it: of links that give way, named as limits at 0.99, it explained 1.0 to 1.4 of 74 to 228; of six limits
+with 62 to 357 it was the likeliest term of two, with 0.6 at most."""
 BY_FEEDBACK = 0.15
 """Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
 logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
