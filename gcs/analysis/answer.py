@@ -81,7 +81,9 @@ class Answer(Open, frozen=True, kw_only=True):
     validation_nrmse_percent: dict[str, float] | None = None
     """of the same, on runs that were not fitted."""
     matters: bool | None = None
-    """Whether what is left could; None where no loop tells, or something is missing by name."""
+    """Whether what is left, seen or not, could; None where no loop tells, or something is missing by name."""
+    noise_left: bool = True
+    """Whether nothing is seen to be left but noise."""
 
     @property
     def missing(self) -> str:
@@ -109,6 +111,7 @@ def answer_of(found: FitDiagnosis) -> Answer:
         hiding=hidden_sentences(found.hiding),
         validation_nrmse_percent=_percent(last.validation_nrmse_percent),
         matters=None if found.remainder is None else found.remainder.matters,
+        noise_left=last.noise_left,
     )
 
 

@@ -101,7 +101,8 @@ A vehicle profile (--vehicle-profile) is a TOML file: which modes, axes and para
 may be. Those that come with the package lie in gcs/vehicle/profiles; copy one and change it. The vehicle must have the
 parameters that its "needs" names.
 
---json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
+--json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", "reason" (where
+it ends with 1: the ending, or "recording", which is not complete; else null), and what flight.json holds:
 "card", "card_sha256", "left_out", "log", "boot", "vehicle", "settings" (the vehicle's own, around a maneuver),
 "station", "link_loss", "limits", "started", "ended", "resumed" (when, where it was; "parts" tells of what was before),
 "checks", "planned", "probe": {"ok", "wrong", "findings", "answers", "words"} or null, "runs": [{"label", "purpose",
@@ -261,8 +262,9 @@ def tell_nothing_left(earlier: Earlier, *, as_json: bool) -> int:
     from gcs.logs.words import printable
 
     if as_json:
-        rest = dict(earlier.document)
-        print_json(document_head(earlier.folder, earlier.complete) | {"ending": None, **rest, "following": []})
+        head = document_head(earlier.folder, earlier.complete)
+        reason = "recording" if earlier.complete is False else None
+        print_json({**head, "ending": None, "reason": reason, **earlier.document, "following": []})
     else:
         print(f" {earlier.folder.path}: {earlier.words}; nothing is left to fly")
         for problem in earlier.problems:
@@ -347,8 +349,9 @@ def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
     complete = None if result.log == "card" and result.flown else result.complete
     head = document_head(result.folder, complete)
     ending = None if result.ending is None else result.ending.value
+    reason = None if result.done else ending or "recording"
     rest = result.document
-    print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
+    print_json({**head, "ending": ending, "reason": reason, **rest, "following": [one.to_json() for one in followed]})
 
 
 def print_result(result: SweepResult, followed: Sequence[Following]) -> None:

@@ -24,8 +24,11 @@ def status_lines(desk: DeskState, width: int) -> list[Line]:
     if rung is None:
         return [fitted(" 4 fits a flight first: the fit is the lowest rung", width)]
     lines = [VERDICTS.get(rung.verdict or "", " ○ not diagnosed yet: D")]
-    if rung.verdict == "complete" and rung.answer is not None and rung.answer.matters:
-        lines = [" ○ complete, but what is left could matter: E"]
+    if rung.verdict == "complete" and rung.answer is not None:
+        if rung.answer.matters:
+            lines = [" ○ complete, but what may hide could matter: E"]
+        elif not rung.answer.noise_left:
+            lines = [" ✓ complete: what is left and seen does not matter"]
     if rung.placebo is not None:
         name, percent, _ = rung.placebo
         if beats_placebo(rung.nrmse_percent, rung.validation_nrmse_percent, rung.placebo):
@@ -49,8 +52,7 @@ def next_candidates(desk: DeskState, width: int, height: int) -> list[Line]:
     untold = len(rows) - len(asked)
     head: Line = (justified(" next candidates", "share ", width), "underline")
     if rung.verdict == "complete":
-        could = rung.answer is not None and rung.answer.matters
-        lines: list[Line] = [" none, but what is left could matter" if could else " none: what is left is noise"]
+        lines: list[Line] = [_none_offered(rung)]
     else:
         room = max(1, height - 1 - (untold > 0))
         lines = [
@@ -61,6 +63,14 @@ def next_candidates(desk: DeskState, width: int, height: int) -> list[Line]:
     if untold:
         lines.append(fitted(f" {untold} not testable: 6 says why", width))
     return [head, *lines]
+
+
+def _none_offered(rung: Rung) -> str:
+    if rung.answer is not None and rung.answer.matters:
+        return " none, but what may hide could matter"
+    if rung.answer is not None and not rung.answer.noise_left:
+        return " none: what is left does not matter"
+    return " none: what is left is noise"
 
 
 def sign_lines(rung: Rung, width: int) -> list[Line]:

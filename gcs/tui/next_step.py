@@ -239,7 +239,7 @@ def _after_verdict(desk: DeskState, rung: Rung) -> str:
     last = rung.answer
     assert last is not None
     if last.verdict == "complete":
-        return "E: what is left could matter; else 8 designs gains on it" if last.matters else "8 designs gains on it"
+        return "E: what may hide could matter; else 8 designs gains on it" if last.matters else "8 designs gains on it"
     if last.verdict == "missing" and winner(rung):
         return f"A adds {sanitise(winner(rung))}; U takes it back"
     if last.plan is not None and last.plan.fit_runs:

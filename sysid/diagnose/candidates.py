@@ -34,6 +34,9 @@ from sysid.model.structure import FloatArray, Structure
 
 SHOWN_IN_BURSTS = math.log(1e-7)
 """Chance of the best of all entries, where noise comes in bursts, from which on windows of frequency count."""
+WINDOWS_ALONE = math.log(1e-7)
+"""Chance by windows of frequency, above which an entry has to show something, too: of two clean strangers, one of
+chirps of 8 s and one in slow gusts, windows showed 8e-5 and 4e-5 so, and no entry 0.07."""
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
 a hundred is found below it: the noise is not quite what the questions take it for."""
@@ -277,15 +280,19 @@ def chance_of_an_alarm(parent: Candidate, scores: Sequence[Score]) -> float:
     Where noise comes in bursts, windows of frequency alone tell nothing: a short chirp passes some in a burst and
     others in the calm. An entry has to show it, too, before its bursts are taken off. (Four clean flights of 8 to 16 s
     showed as much by windows at 1e-25 to 1e-47; no entry did in three, and one in the fourth, at 2e-6. Of 130 that hid
-    something, and came in bursts, every one had an entry that did at 4e-8 and less, but for three slung loads.)
+    something, and came in bursts, every one had an entry that did at 4e-8 and less, but for three slung loads.) So it
+    has in steady noise where windows show little.
     """
     chance = chance_of_noise(parent.division, scores)
     if chance >= SIGNIFICANT or not parent.division.measured:
         return chance
+    by_entries = of_all_questions(_of_the_best([one.log_p_surely for one in scores]), parent.division)
+    if chance > WINDOWS_ALONE and by_entries >= SIGNIFICANT:
+        return by_entries
     shown = _of_the_best([one.log_p for one in scores])
     if shown < SHOWN_IN_BURSTS or not parent.stepped.envelope(parent.metric).rough:
         return chance
-    return of_all_questions(_of_the_best([one.log_p_surely for one in scores]), parent.division)
+    return by_entries
 
 
 def _of_the_best(chances: Sequence[float]) -> float:

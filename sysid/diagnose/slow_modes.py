@@ -18,6 +18,8 @@ from sysid.data.record import RATES
 from sysid.diagnose.candidate_terms import transfers
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.score import along, in_bursts, log_chance
+from sysid.diagnose.steep import steep
+from sysid.fit.innovations import Innovations
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray
 
@@ -38,7 +40,8 @@ class SlowMode:
     chi_squared: float
     """By the noise near it, where that is more than its spectrum says, or comes in bursts."""
     log_p: float
-    """Logarithm of the chance that noise alone shows as much at any point of the grid."""
+    """Logarithm of the chance that noise alone shows as much at any point of the grid, known no better than by the
+    frequencies near it where the excitation tells noise apart."""
 
 
 def slow_mode(one: Candidate, stepped: Stepped, whitening: Whitening) -> SlowMode | None:
@@ -55,21 +58,29 @@ def slow_mode(one: Candidate, stepped: Stepped, whitening: Whitening) -> SlowMod
     ]
     s = [np.asarray(2j * np.pi * group.frequency_hz, dtype=np.complex128) for group in stacks]
     own = stepped.own @ stepped.Z
-    best: SlowMode | None = None
+    near = None if isinstance(whitening, Innovations) else steep(stepped, whitening, one.dataset.causes)
+
+    def known(Z: FloatArray) -> float:
+        if near is None:  # of what is new in every sample noise is known well
+            return math.inf
+        return near.surely(*along(Z, stepped.residual, near.gram(Z)), Z)
+
+    best, shown = SlowMode(0.0, 0.0, math.inf), 0.0
     for frequency_hz, zeta in points:
         Z = whitening([_shaken(each, at, frequency_hz, zeta) for each, at in zip(moved, s, strict=True)])
         Z -= (Z @ stepped.J.T) @ own
         if not np.all(np.isfinite(Z)):  # of a model that runs away
             return None
         chi_squared, degrees = along(Z, stepped.residual)
-        if best is not None and log_chance(chi_squared, degrees) >= best.log_p:
+        if log_chance(chi_squared, degrees) >= max(best.log_p, shown):
             continue
         chi_squared = _surely(Z, chi_squared, stepped, whitening)
         log_p = log_chance(chi_squared, degrees)
-        if best is None or log_p < best.log_p:
+        if log_p < best.log_p:
             best = SlowMode(frequency_hz, chi_squared, log_p)
-    assert best is not None
-    return SlowMode(best.frequency_hz, best.chi_squared, min(0.0, best.log_p + math.log(len(points))))
+        if log_p < shown:
+            shown = min(shown, log_chance(min(chi_squared, known(Z)), degrees))
+    return SlowMode(best.frequency_hz, best.chi_squared, min(0.0, shown + math.log(len(points))))
 
 
 def _points(low_hz: float, high_hz: float) -> list[tuple[float, float]]:

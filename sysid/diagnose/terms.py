@@ -140,10 +140,11 @@ class Entry:
 
     @property
     def bends(self) -> bool:
-        """Whether it bends commands by powers of their own: what gives way does, and a limit hardly does otherwise."""
+        """Whether it bends commands by odd powers of their own: what gives way does, both ways alike. (A limit that a
+        trimmed command meets on one side resembles a square.)"""
         commands = {row for row, _ in self.parts} <= {*COMMANDS}
-        powers = all(len(one) > 1 and {(x.signal, x.form) for x in one} == {(row, "plain")} for row, one in self.parts)
-        return commands and powers
+        powers = all({(x.signal, x.form) for x in one} == {(row, "plain")} for row, one in self.parts)
+        return commands and powers and all(len(one) > 1 and len(one) % 2 == 1 for _, one in self.parts)
 
     @property
     def signals(self) -> int:

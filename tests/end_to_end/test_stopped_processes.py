@@ -153,7 +153,7 @@ def test_a_vehicle_stopped_for_ten_seconds_is_a_lost_link_and_its_log_whole(vehi
     sweep.until_run(1, 1.0)
     stopped(vehicle.process, 10.0)
     status, said = sweep.over()
-    assert (status, said["runs"][0]["ending"]) == (1, "link lost")
+    assert (status, said["runs"][0]["ending"], said["reason"]) == (1, "link lost", "link lost")
     assert said["recording"]["complete"] is vehicle.own(sweep.log) is True
     assert vehicle.parameters(*SETTINGS) == before
 

@@ -104,7 +104,7 @@ class Told(Open, frozen=True, kw_only=True):
         alike = [printable(name) for name in alike]
         sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
         if self.verdict == "complete":
-            return f"complete: what is left {'is noise' if self.only_noise else 'does not matter'}{sure}"
+            return f"complete: what is left {'is noise' if self.only_noise else 'and seen does not matter'}{sure}"
         if self.verdict == "missing":
             return f"missing: {names}{f' (not to be told from {listed(alike)})' if alike else ''}{sure}"
         if self.stands_in:

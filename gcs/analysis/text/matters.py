@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 def remainder_sentence(left: Remainder) -> str:
-    """`what is left: at most 0.1 points of fit; margins by 0.6 dB, 1°, modes by 0.02 Hz, 0.003 of damping (at worst
-    servo_lag up to tau_s = 0.4 ms): it does not matter (1 dB, 5°)`."""
+    """`what is left, seen or not, could change at most 0.1 points of fit, margins by 0.6 dB, 1.0° (at worst servo_lag up to
+    tau_s = 0.4 ms): it does not matter (below 1 dB, 5°)`."""
     done = [f"at most {left.within_points:.2g} points of fit"]
     told = [one for one in (left.seen, left.margins) if one is not None]
     if told:
@@ -23,7 +23,7 @@ def remainder_sentence(left: Remainder) -> str:
         done.append(f"modes by {left.mode_hz:.2g} Hz, damping by {left.mode_damping:.2g}")
     worst = left.margins_by or left.mode_by
     named = "" if worst is None else f" (at worst {worst.effect} {up_to(worst)})"
-    return f"what is left could change {', '.join(done)}{named}: {_matter(left)}"
+    return f"what is left, seen or not, could change {', '.join(done)}{named}: {_matter(left)}"
 
 
 def slight_sentence(found: Slight) -> str:

@@ -147,7 +147,7 @@ def answer(last: Diagnosis) -> str:
     """The first line, without the confidence."""
     winner = last.winner
     if last.verdict == "complete":
-        return f"complete: what is left {'is noise' if last.noise_left else 'does not matter'}"
+        return f"complete: what is left {'is noise' if last.noise_left else 'and seen does not matter'}"
     if last.reason == "feedback":
         if noise_lost(last.parent.dataset):
             return "unexplained: no excitation is logged, and noise on chirps that the log lost could make it: log both"

@@ -1,6 +1,6 @@
 """Yaw alone: its rate and its own command, of first order.
 
-On a multirotor behind motors whose change of speed turns the body at once: `motor_lag` and `rotor_reaction`.
+A multirotor's, whose motors turn the body while they change speed, is `multirotor_yaw`.
 """
 
 from __future__ import annotations

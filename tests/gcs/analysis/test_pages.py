@@ -223,6 +223,7 @@ def test_of_noise_nothing_is_told_but_that_it_is(log10_chance: float, says: bool
     assert found is not None
     (sentences,) = (part for part in discovery(found, densities(), None, ("p", "q")) if isinstance(part, Sentences))
     assert (f"{finding}." in sentences.lines) == says
+    assert found.answer == f"complete: what is left {'and seen does not matter' if says else 'is noise'}"
 
 
 @pytest.mark.parametrize(("needed", "marked"), [(0.9, [90.0]), (0.8, [80.0]), (None, []), (7.0, []), (-1.0, [])])

@@ -460,7 +460,7 @@ def test_complete_says_what_is_left_and_whether_it_matters(tippath: Tippath, fit
     assert (left["seen"], left["matters"]) == (None, False)
     assert left["margins"]["gain_db"] < 1
     lines = tippath("diagnose", fits["clean"])[1].splitlines()
-    assert any(line.startswith("  what is left could change at most ") for line in lines)
+    assert any(line.startswith("  what is left, seen or not, could change at most ") for line in lines)
     assert max(map(len, lines)) <= 78
     assert no_constants(tippath("diagnose", fits["lag"], "--json")[1])["within_points"] is None
 

@@ -12,7 +12,7 @@ from fake_app import IDLE, app_on, screen_text, settle
 from fake_desk import ADDED, ASKED, COMPLETE, DESKS, OPEN, comparison
 
 from gcs.tui.draw_desk import Look, fallen, residual_scales, run_strips, waterfall
-from gcs.tui.ladder_words import status_lines
+from gcs.tui.ladder_words import next_candidates, status_lines
 from gcs.tui.next_step import next_words
 from gcs.tui.state import joined
 
@@ -47,9 +47,16 @@ def test_a_rung_that_its_placebo_beats_is_not_proved(reached, proved):
 def test_a_complete_model_whose_rest_could_matter_is_told_so():
     could = replace(COMPLETE, answer=msgspec.structs.replace(COMPLETE.answer, matters=True))
     desk = replace(DESK, ladder=(ASKED, could))
-    assert "○ complete, but what is left could matter: E" in status_lines(desk, 78)[0]
+    assert "○ complete, but what may hide could matter: E" in status_lines(desk, 78)[0]
     assert "could matter" in next_words(joined(IDLE, desk), "Ladder")
     assert "could matter" not in next_words(joined(IDLE, replace(desk, ladder=(ASKED, COMPLETE))), "Ladder")
+
+
+def test_what_is_seen_and_does_not_matter_is_not_called_noise():
+    seen = replace(COMPLETE, answer=msgspec.structs.replace(COMPLETE.answer, noise_left=False))
+    desk = replace(DESK, ladder=(ASKED, seen))
+    assert status_lines(desk, 78)[0].startswith(" ✓ complete: what is left and seen does not matter")
+    assert " none: what is left does not matter" in next_candidates(desk, 40, 8)
 
 
 def test_of_many_rungs_the_lowest_and_the_highest_are_shown():

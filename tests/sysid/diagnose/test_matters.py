@@ -220,8 +220,8 @@ def test_limits_are_read_in_decibels_and_degrees() -> None:
 def test_it_is_told_in_78_columns() -> None:
     lines = broken(Sentence(remainder_sentence(LEFT), "  ", "    "))
     assert lines == [
-        "  what is left could change at most 0.21 points of fit, margins by 0.3 dB,",
-        "    1.0°: it does not matter (below 1 dB, 5°)",
+        "  what is left, seen or not, could change at most 0.21 points of fit, margins",
+        "    by 0.3 dB, 1.0°: it does not matter (below 1 dB, 5°)",
     ]
     assert max(map(len, lines)) <= WIDTH
     assert "it could matter (from 0.1 dB, 5°)" in remainder_sentence(replace(LEFT, limit=Limit(0.1, 5.0)))

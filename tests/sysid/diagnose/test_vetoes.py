@@ -30,6 +30,7 @@ from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.likely import misfit
 from sysid.diagnose.score import Score
 from sysid.diagnose.shares import DOUBTFUL, EXPLAINED_IN_A_LOOP, Shares
+from sysid.diagnose.terms import Entry
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.parameter import Parameter
@@ -285,6 +286,20 @@ def test_what_a_simple_term_explains_far_better_is_not_named(
     assert (without.verdict, without.chain, without.term) == ("missing", found.chain, None)
 
 
+LIMITED_ON_ONE_SIDE = 4190556
+"""A judged one, 25 times what is detectable; a square of each command explained more by its score than the limit did."""
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_saturation",)], indirect=True)
+def test_a_square_takes_no_name_away_from_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = fitted_runs(fly(LIMITED_ON_ONE_SIDE))
+    found = ask_runs(runs)
+    assert (found.verdict, found.effect, found.term) == ("missing", "servo_saturation", None)
+    monkeypatch.setattr(Entry, "bends", True)
+    assert ask_runs(runs).term is not None
+
+
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize(
     ("only_effects", "seed", "without", "term"),
@@ -357,6 +372,18 @@ def test_what_windows_seem_to_show_in_bursts_is_no_alarm_and_is_looked_for_besid
     assert (candidates.chance_of_an_alarm(parent, [faint]) < SIGNIFICANT) == (not rough)
     surely = replace(faint, chi_squared=60.0)
     assert candidates.chance_of_an_alarm(parent, [surely]) < SIGNIFICANT, "an entry shows it, too"
+
+
+@pytest.mark.parametrize(("by_windows", "alarm"), [(93.0, False), (140.0, True)])
+def test_what_windows_alone_show_faintly_is_no_alarm(by_windows: float, alarm: bool) -> None:
+    """Two clean judged flights in slow gusts and by chirps of 8 s showed as much by them, and by no entry."""
+    division = SimpleNamespace(chi_squared=by_windows, degrees=40, measured=True)
+    stepped = SimpleNamespace(envelope=lambda _: SimpleNamespace(rough=False))
+    parent = cast("Any", SimpleNamespace(division=division, stepped=stepped, metric=None))
+    none = Score(effect="speed_stability", chi_squared=4.0, degrees=2, tried=1, at={}, errors={})
+    assert candidates.chance_of_noise(cast("Any", division), [none]) < SIGNIFICANT
+    assert (candidates.chance_of_an_alarm(parent, [none]) < SIGNIFICANT) is alarm
+    assert candidates.chance_of_an_alarm(parent, [replace(none, chi_squared=60.0)]) < SIGNIFICANT
 
 
 @pytest.mark.usefixtures("only_effects")
