@@ -1,8 +1,10 @@
-"""Halves of a chain by themselves, where they were not refitted alone: a score far from the null promises little of a
-limit that explains all, and beside it anything makes a chain."""
+"""Halves of a chain by themselves, where they were not refitted alone, or ended elsewhere: a score far from the null
+promises little of a limit that explains all, and a tilted wake has more than one valley; beside them anything makes a
+chain."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,11 +14,30 @@ from sysid.diagnose.refits import refit_or_reason
 from sysid.model.effect import EffectError, named_effect
 from sysid.model.structure import Model
 
+MAY_BE_NOTHING = 3.0
+"""Standard errors that every size of a half is from nothing at most, for the other half to be fitted alone from its
+values in the chain: a tilted wake explained 0.999 beside a hub that was 2.5 of them, and 0.59 alone, in another
+valley."""
+
 
 def halves_alone(chain: Ranked, candidates: Sequence[Ranked], reference: Reference, say: Listener) -> list[Ranked]:
-    """What of the candidates is a half of this chain and had no fit of its own, fitted from its values in the chain."""
-    halves = [one for one in candidates if one.fit is None and one.effect in chain.effects]
-    return [again for one in halves if (again := _alone(one, chain, reference, say)).fit is not None]
+    """What of the candidates is a half of this chain, fitted from its values there: where it had no fit of its own, or
+    the other half may be nothing and it is likelier so."""
+    halves = [one for one in candidates if one.effect in chain.effects]
+    asked = [one for one in halves if one.fit is None or _rest_may_be_nothing(chain, one.effect)]
+    again = [(_alone(one, chain, reference, say), one) for one in asked]
+    return [one for one, before in again if one.fit is not None and one.chi_squared > before.chi_squared]
+
+
+def _rest_may_be_nothing(chain: Ranked, half: str) -> bool:
+    """Whether no size of the chain's other half is surely more than its null."""
+    values, errors = chain.values, chain.standard_errors
+    others = [
+        one for effect in chain.effects if effect != half for own in chain.own_of(effect) for one in own.parameters
+    ]
+    sizes = [one for one in others if one.sizes and one.null is not None and math.isfinite(one.null)]
+    off = [abs(values[one.name] - float(one.null or 0.0)) / errors.get(one.name, math.inf) for one in sizes]
+    return bool(off) and max(off) < MAY_BE_NOTHING
 
 
 def half(chain: Ranked, effect: str, reference: Reference) -> Model | None:

@@ -48,7 +48,7 @@ INSTRUMENTS: Mapping[Instrument | None, str] = MappingProxyType(
     {
         "excitation rebuilt": "feedback is kept out by the excitation, rebuilt from the chirp's settings",
         "prediction error": "feedback is kept out by predicting the noise, for no excitation serves as instrument",
-        "commands": "no excitation is logged, and feedback is not kept out: none shows, or none that could be predicted",
+        "commands": "no excitation is logged, and no feedback is kept out: none shows, or none that can be predicted",
     }
 )
 """What is told of how feedback was kept out of the values, where no excitation was logged."""

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 def remainder_sentence(left: Remainder) -> str:
-    """`what is left, seen or not, could change at most 0.1 points of fit, margins by 0.6 dB, 1.0° (at worst servo_lag up to
-    tau_s = 0.4 ms): it does not matter (below 1 dB, 5°)`."""
+    """`what is left, seen or not, could change at most 0.1 points of fit, margins by 0.6 dB, 1.0° (at worst servo_lag
+    up to tau_s = 0.4 ms): it does not matter (below 1 dB, 5°)`."""
     done = [f"at most {left.within_points:.2g} points of fit"]
     told = [one for one in (left.seen, left.margins) if one is not None]
     if told:

@@ -29,7 +29,7 @@ SWINGING_IN_A_LOOP = 4110327
 CLEAN_IN_BURSTS, CLEAN_UNLOGGED, CLEAN_SLOW = 3004, 6128, 8279
 """Nothing hidden."""
 CLEAN_AND_SHORT = 4190541
-"""Nor in this judged one, of 9 s chirps in slow gusts, of which a mode of 0.5 Hz took up so much that it was an alarm."""
+"""Nor in this judged one, of 9 s chirps in slow gusts: a mode of 0.5 Hz took up so much of them that it alarmed."""
 
 
 def flown(seed: int) -> list[Record]:

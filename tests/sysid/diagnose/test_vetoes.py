@@ -287,7 +287,7 @@ def test_what_a_simple_term_explains_far_better_is_not_named(
 
 
 LIMITED_ON_ONE_SIDE = 4190556
-"""A judged one, 25 times what is detectable; a square of each command explained more by its score than the limit did."""
+"""A judged one, 25 times what is detectable: a square of each command explained more by its score than the limit."""
 
 
 @pytest.mark.usefixtures("only_effects")
