@@ -1,4 +1,4 @@
-"""Halves of a chain that end in another valley alone: fitted once more from there, where the other half may be nothing."""
+"""Halves of a chain that end in another valley alone: fitted once more from there, where the other may be nothing."""
 
 from __future__ import annotations
 
