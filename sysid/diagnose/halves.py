@@ -32,12 +32,11 @@ def halves_alone(chain: Ranked, candidates: Sequence[Ranked], reference: Referen
 def _rest_may_be_nothing(chain: Ranked, half: str) -> bool:
     """Whether no size of the chain's other half is surely more than its null."""
     values, errors = chain.values, chain.standard_errors
-    others = [
-        one for effect in chain.effects if effect != half for own in chain.own_of(effect) for one in own.parameters
-    ]
-    sizes = [one for one in others if one.sizes and one.null is not None and math.isfinite(one.null)]
-    off = [abs(values[one.name] - float(one.null or 0.0)) / errors.get(one.name, math.inf) for one in sizes]
-    return bool(off) and max(off) < MAY_BE_NOTHING
+    rest = [own for effect in chain.effects if effect != half for own in chain.own_of(effect)]
+    sizes = [one for own in rest for one in own.parameters if one.sizes and math.isfinite(one.null or 0.0)]
+    if not sizes or any(one.name not in errors for one in sizes):
+        return False
+    return max(abs(values[one.name] - (one.null or 0.0)) / errors[one.name] for one in sizes) < MAY_BE_NOTHING
 
 
 def half(chain: Ranked, effect: str, reference: Reference) -> Model | None:

@@ -101,7 +101,7 @@ def test_a_trace_that_no_entry_is_likelier_for_is_complete_though_margins_hardly
     trace = replace(clean, verdict="unexplained", log_chance=math.log(1e-5))
     unknown = replace(LEFT, seen=MarginChange(gain_db=4.0, phase_deg=1.0))
     answer = judged(trace, unknown)
-    assert (answer.verdict, answer.confidence) == ("complete", 0.7)
+    assert (answer.verdict, answer.confidence) == ("complete", 0.85)
     for other in (replace(trace, log_chance=math.log(1e-8)), replace(trace, chain=("x",))):
         assert judged(other, unknown) is other
     assert judged(trace, replace(unknown, within_points=0.45)).verdict == "complete"
@@ -150,7 +150,7 @@ def test_a_guess_at_what_is_hardly_seen_and_does_not_matter_is_none(
     said = judged(answer, LEFT)
     assert said.verdict == verdict
     if verdict == "complete":
-        assert said.confidence <= 0.7
+        assert said.confidence <= 0.85
         assert judged(answer, replace(LEFT, within_points=0.4)).verdict == "missing"
         monkeypatch.setattr(matters, "winner_change", lambda _: None)  # no loop tells what it does
         assert judged(answer, LEFT).verdict == "missing"
