@@ -49,7 +49,7 @@ def unexplained(proposal: NextManeuver) -> Any:
     last = SimpleNamespace(
         verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
         noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, term=None, mode=None, stands_in=False,
-        effect=None, reason=None, first=None, validation_nrmse_percent=None,
+        effect=None, reason=None, first=None, validation_nrmse_percent=None, noise_left=False,
     )  # fmt: skip
     return SimpleNamespace(
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure), nrmse_percent=nrmse), rungs=(None,), last=last,
